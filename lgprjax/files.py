@@ -29,7 +29,9 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         found = hdf5 if data.startswith(b"\x89HDF") else f"bytes that are no text in UTF-8, from byte {error.start} on"
         raise InputError(path, "file", "TOML, which is a text", found) from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(path, "file", "TOML", str(error)) from None
+        # No TOML begins with a brace.
+        found = "JSON, as fields and plans of fields are" if data.lstrip().startswith(b"{") else str(error)
+        raise InputError(path, "file", "TOML", found) from None
 
 
 def make_folder(folder: Path) -> None:

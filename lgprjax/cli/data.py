@@ -12,6 +12,7 @@ from rich.text import Text
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
+from lgprjax.cli.recognised import recording_suffixes
 from lgprjax.cli.terminal import UsageError, advice, console, progress_bar, require_files, working
 from lgprjax.errors import InputError
 from lgprjax.files import examples_folder
@@ -29,6 +30,7 @@ _CHECKED_BY = {
     ".lgprun": "a run's recording is read, by its folder, by lgprjax events and lgprjax recover",
     ".toml": "a site file is checked by lgprjax simulate {0} -o DIR, a study by lgprjax tune {0} -o DIR",
     ".geojson": "a field is checked by lgprjax cover plan {} -o X.cover.geojson --vehicle V.vehicle.toml",
+    **dict.fromkeys(recording_suffixes().split(", "), "its drive log can be checked: lgprjax import {} -o X.drive.h5"),
 }
 """What checks files of other kinds, by the end of their name."""
 _STRETCHES = 3  # listed in the table; all of them are in the JSON
@@ -59,8 +61,9 @@ class CheckVerb:
 
         require_files(self.files, "files")
         check_outputs(self.json, force=self.force)
-        if self.health and not all(path.name.lower().endswith(".drive.h5") for path in self.files):
-            raise UsageError("--health: expected drive logs only, X.drive.h5")
+        others = [path.name for path in self.files if not path.name.lower().endswith(".drive.h5")]
+        if self.health and others:
+            raise UsageError(f"--health: expected drive logs only, X.drive.h5, found {others[0]}")
         findings, reports = [], []
         for path in self.files:
             try:

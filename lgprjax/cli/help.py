@@ -70,7 +70,8 @@ def _usage(name: str, options: Sequence[Option]) -> list[str]:
     positional, named = _parted(options)
     words = [option.metavar if option.required else f"[{option.metavar}]" for option in positional]
     words += [f"{option.names[0]} {option.metavar}" for option in named if option.required]
-    return textwrap.wrap(f"usage: lgprjax {name} {' '.join([*words, '[OPTIONS]'])}", _width(), subsequent_indent="  ")
+    text = f"usage: lgprjax {name} {' '.join([*words, '[OPTIONS]'])}"
+    return textwrap.wrap(text, _width(), subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def _described(verb: Verb) -> Iterator[str]:

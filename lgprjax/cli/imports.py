@@ -106,6 +106,8 @@ def finished(output: Path) -> None:
     assumed = assumed_of(description.provenance)
     if assumed:
         _tell(f"assumed, as no instrument recorded it: {assumed_in_words(assumed)}")
+    if "time zero" in assumed:
+        _tell("time zero was set to the first sample (see --time-zero-ns)")
     _tell(place_in_words(description.navigation, description.array, known="place on the earth" not in assumed))
     _tell(f"wrote {output}")
     if "place on the earth" in assumed:
@@ -159,6 +161,8 @@ class ImportGrounded:
     """two-way travel time between samples"""
     scan_rate_hz: float
     """scans per second"""
+    time_zero_ns: float = 0.0
+    """time from the first sample to time zero (not published with the data set)"""
     force: Force = False
 
     def run(self) -> None:
@@ -171,6 +175,7 @@ class ImportGrounded:
                 utm_zone=self.utm_zone,
                 sample_interval_ns=self.sample_interval_ns,
                 scan_rate_hz=self.scan_rate_hz,
+                time_zero_ns=self.time_zero_ns,
                 output=self.output,
                 force=self.force,
             )
@@ -519,7 +524,7 @@ class ImportSegy:
         from lgprjax.formats import import_segy
 
         with working(f"importing {self.file}"):
-            import_segy(
+            notes = import_segy(
                 self.file,
                 sample_interval_ns=self.sample_interval_ns,
                 time_zero_ns=self.time_zero_ns,
@@ -529,6 +534,8 @@ class ImportSegy:
                 output=self.output,
                 force=self.force,
             )
+        for note in notes:
+            _tell(f"note: {note}")
         finished(self.output)
 
 

@@ -8,6 +8,7 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.terminal import console, progress_bar, working
+from lgprjax.files import make_folder
 
 if TYPE_CHECKING:
     from lgprjax.simulation import PlannedSite
@@ -108,7 +109,7 @@ class Demo:
         from lgprjax.report.registered import write_page
         from lgprjax.simulation import plan_site, read_site, site_file, write_site
 
-        self.output.mkdir(parents=True, exist_ok=True)
+        make_folder(self.output)
         file = site_file("village")
         planned = plan_site(read_site(file), file)
         scans = {entry.drive.name: entry.scans for entry in planned.drives}

@@ -58,6 +58,8 @@ class View:
         for file, output in zip(self.files, outputs, strict=True):
             if file.name.lower().endswith(MAP) and (self.raw or self.channel is not None):
                 raise UsageError(f"--raw, --channel: expected files that become radargrams, found the map {file.name}")
+            if file.is_dir():
+                raise InputError(file, "file", "a recording or a map", "a folder")
             if not file.exists():
                 raise InputError(file, "file", "a readable file", "No such file or directory")
             # Checked before anything is drawn: the last of many outputs may exist.

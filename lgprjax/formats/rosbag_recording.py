@@ -91,9 +91,20 @@ class RosbagRecording:
             raise InputError(self.path, "file", "a readable file", error.strerror or str(error)) from None
         except Exception as error:  # any error caused by damaged or missing bytes
             if not began:
-                words = " ".join(str(error).split()) or type(error).__name__
-                raise InputError(self.path, "file", "a whole ROS bag (rosbag reindex mends a cut one)", words) from None
+                raise InputError(self.path, "file", "a whole ROS bag", self._instead(error)) from None
             self.whole = False
+
+    def _instead(self, error: Exception) -> str:
+        """What a bag is of which nothing can be read."""
+        if self.path.is_file():
+            with self.path.open("rb") as stream:
+                head = stream.read(16)
+            if not head:
+                return "an empty file"
+            if not head.startswith((b"#ROSBAG", b"SQLite format 3")):
+                return "another format"
+        words = " ".join(str(error).split()) or type(error).__name__
+        return f"a cut or damaged one ({words}); rosbag reindex mends a cut .bag"
 
     def _layout(self, types: Any, connection: Any) -> MessageLayout | None:
         self.kinds[connection.topic] = connection.msgtype

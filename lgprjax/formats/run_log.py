@@ -158,6 +158,8 @@ def _instead_of_folder(path: Path) -> str:
         return f"one of its segments: name its folder, {path.parent}"
     if path.suffix == ".toml":
         return "a configuration or another TOML file: runs are in the folder that its recording.folder names"
+    if path.name.endswith(".drive.h5"):
+        return "a drive log: that is what lgprjax recover makes of a run"
     return "a file"
 
 

@@ -422,10 +422,14 @@ def _navigation(
     assumed: dict[str, str],
 ) -> NavigationTrack:
     """Poses of the rear axle; without positions reckoned from speed and yaw rate, which the log then says."""
-    if {"latitude", "longitude"} <= set(series):
+    on_earth, in_plane = ({*pair} <= set(series) for pair in (("latitude", "longitude"), ("east", "north")))
+    if asked.utm_zone is not None and (on_earth or not in_plane):
+        expected = "signals east and north beside it, and no latitude and longitude"
+        raise TableKey(map_file, "utm_zone").refuse(expected, f"{asked.utm_zone!r} without use")
+    if on_earth:
         time_s = series["latitude"].time_s
         latitude, longitude = series["latitude"].value, _at(series["longitude"], time_s)
-    elif {"east", "north"} <= set(series):
+    elif in_plane:
         time_s = series["east"].time_s
         north = _at(series["north"], time_s)
         latitude, longitude = _from_plane(path, map_file, asked, series["east"].value, north, assumed)

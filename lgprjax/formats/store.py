@@ -36,10 +36,19 @@ def open_store(path: str | Path) -> h5py.File:
         if error.errno is not None and error.strerror:
             raise InputError(file, "file", "a readable file", error.strerror) from None
         if not h5py.is_hdf5(file):
-            raise InputError(
-                file, "file", "an HDF5 file", "another format (lgprjax import converts recordings)"
-            ) from None
+            raise InputError(file, "file", "an HDF5 file", _named_otherwise(file)) from None
         raise InputError(file, "file", "a whole HDF5 file", "one that is cut short or damaged") from None
+
+
+def _named_otherwise(file: Path) -> str:
+    """What a file is that is no HDF5, by its name, and where what was asked for comes from."""
+    if file.name.endswith(".cover.geojson"):
+        return "the plan of a field (lgprjax cover record makes X.worked.h5 of it and of recorded runs)"
+    if file.name.endswith(".fixes.csv"):
+        return "fixes as a table (X.fixes.h5 beside it has them as HDF5)"
+    if file.suffix == ".toml":
+        return "TOML, a text of settings"
+    return "another format (lgprjax import converts recordings)"
 
 
 @contextmanager

@@ -19,6 +19,8 @@ from lgprjax.formats.store import atomic_output
 SURVEY_SPEED_MPS = 1.0
 CLOCK_ASSUMED: Assumed = {"time": "unknown", "speed": f"{SURVEY_SPEED_MPS:g} m/s"}
 FIRST_SAMPLE = "the first sample"
+# What a person gave for nothing.
+UNUSED_PLACE = "the latitude and longitude given were not used: the lines have places of their own"
 TRACK_ASSUMED: Assumed = {"roll": "taken as 0", "position sigma": "not recorded", "heading sigma": "not recorded"}
 # Headings are computed over this length of path: centimetres of noise then change them by a degree or two at most.
 CHORD_M = 1.0
@@ -50,6 +52,26 @@ class SurveyOrigin(NamedTuple):
         """The place a distance ahead."""
         longitude, latitude, back = _GEOD.fwd(self.longitude_deg, self.latitude_deg, self.heading_deg, distance_m)
         return SurveyOrigin(latitude, longitude, (back + 180.0) % 360.0)
+
+
+def unused_zone(utm_zone: str, why: str) -> str:
+    """That a zone was given for nothing, in words."""
+    return f"the UTM zone {utm_zone} was not used: {why}"
+
+
+def time_zero_assumed(time_zero_ns: float, window_ns: float) -> Assumed:
+    """What is assumed of the time zero of a format that does not record it: the first sample, unless one is given.
+
+    Args:
+        time_zero_ns: time from the first sample to time zero.
+        window_ns: time from the first sample to the end of the last.
+
+    Raises:
+        ArgumentError: it is no number, or after the last sample.
+    """
+    if not (np.isfinite(time_zero_ns) and time_zero_ns < window_ns):
+        raise ArgumentError("time_zero_ns", f"a number below the {window_ns:g} ns of a trace", f"{time_zero_ns:g}")
+    return {} if time_zero_ns else {"time zero": FIRST_SAMPLE}
 
 
 def utm_projection(utm_zone: str) -> pyproj.Proj:

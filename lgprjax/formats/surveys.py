@@ -16,7 +16,7 @@ from lgprjax.formats.profile import Assumed, Profile
 from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, strangers, unread_notes
 from lgprjax.formats.side_positions import SidePositions
 from lgprjax.formats.survey_layout import OTHER_LENGTH, SurveyLayout, header_positions, lay_out, places_traces
-from lgprjax.formats.survey_track import SurveyOrigin, distances_m, utm_projection
+from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, distances_m, unused_zone, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import read_segy
 
@@ -283,7 +283,7 @@ def _notes(
     files = dict.fromkeys(line.path for line in lines)
     if length_m is not None:
         unused = [file for path in files for file in find_side_files(path)]
-        notes += _of_files(unused, "not used, as --length-m places the traces")
+        notes += _of_files(unused, "not used, as the length given places the traces")
     notes += _of_files([file for path in files for file in unread_notes(path)], "not read, as it is no topography")
     sides = [(line, side) for line, side in zip(lines, beside, strict=True) if side is not None]
     if not sides:
@@ -306,9 +306,9 @@ def _notes(
         if same != line.path and line.path.name not in dead:
             notes.append(f"{line.path.name}: its traces are those of {same.name}: a copy?")
     if utm_zone is not None and all(side.kind != "grid metres" for _, side in sides):
-        notes.append(f"--utm-zone {utm_zone} was not used: no positions are metres of a grid")
+        notes.append(unused_zone(utm_zone, "no positions are metres of a grid"))
     if not place.assumed() and place[:2] != layout.place[:2]:
-        notes.append("--latitude-deg and --longitude-deg were not used: the lines have places of their own")
+        notes.append(UNUSED_PLACE)
     return tuple(notes)
 
 

@@ -63,7 +63,9 @@ def handover_files(
     """
     mark = benchmark_deg
     if mark is not None and not (abs(mark[0]) <= 90.0 and abs(mark[1]) <= 180.0):
-        raise ArgumentError("benchmark_deg", "a latitude and a longitude", f"{mark[0]:g} {mark[1]:g}")
+        raise ArgumentError(
+            "benchmark_deg", "a latitude from -90 to 90 and a longitude from -180 to 180", f"{mark[0]:g} {mark[1]:g}"
+        )
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "output", "a folder", "a file")
     stem = path.name.removesuffix(_RECORD)

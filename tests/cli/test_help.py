@@ -61,6 +61,7 @@ def test_a_verbs_help_fits_a_screen_and_shows_two_examples(name: str, monkeypatc
         assert isinstance(parsed(shlex.split(example)), verb.options)
     for wrong in ("(default: )", "None", "{", "FLOAT", "(default: False)"):
         assert wrong not in text
+    assert not re.search(r"--[a-z-]*-$", text, re.MULTILINE)  # no option is broken at its hyphen
     assert run(*name.split(), "--help") == (0, text, "")
 
 

@@ -345,6 +345,11 @@ WRONG: dict[str, tuple[Callable[[], object], str, tuple[str, ...]]] = {
         _SIGNALS,
         ("m.toml: utm_zone: expected a zone such as 33N", "5116000 m in a.csv"),
     ),
+    "a zone beside degrees": (
+        lambda: _signals(columns_of=lambda text: 'utm_zone = "33N"\n' + text),
+        _SIGNALS,
+        ("m.toml: utm_zone: expected signals east and north beside it", "found '33N' without use"),
+    ),
     "a folder for a table": (
         lambda: _signals().with_suffix(".d.csv").mkdir(),
         "import signals a.d.csv --map m.toml",
@@ -428,7 +433,7 @@ SAID: dict[str, tuple[Callable[[], object], str, tuple[str, ...]]] = {
     "a length beside a topography": (
         lambda: _beside("L1.xyz", 103),
         "import L1.DZT --length-m 3",
-        ("note: L1.xyz: not used, as --length-m places the traces",),
+        ("note: L1.xyz: not used, as the length given places the traces",),
     ),
     "a topography ten times as long": (
         lambda: _beside("L1.xyz", 12, step=0.5),
@@ -448,12 +453,20 @@ SAID: dict[str, tuple[Callable[[], object], str, tuple[str, ...]]] = {
     "a zone of nothing": (
         _lines,
         "import L1.DT1 --utm-zone 33N",
-        ("note: --utm-zone 33N was not used: no positions are metres of a grid",),
+        ("note: the UTM zone 33N was not used: no positions are metres of a grid",),
+    ),
+    "a zone beside a tape": (
+        lambda: _segy("a.sgy", x=360e3, y=5116e3),
+        "import a.sgy --utm-zone 33N --length-m 5",
+        (
+            "note: the UTM zone 33N was not used: the line is placed by its length",
+            "time zero was set to the first sample (see --time-zero-ns)",
+        ),
     ),
     "a place beside places": (
         lambda: _gps(12),
         "import L1.DT1 --latitude-deg 48",
-        ("note: --latitude-deg and --longitude-deg were not used: the lines have places of their own",),
+        ("note: the latitude and longitude given were not used: the lines have places of their own",),
     ),
 }
 

@@ -195,6 +195,49 @@ WRONG: dict[str, tuple[str, tuple[str, ...]]] = {
         "cover plan way.geojson -o p.cover.geojson --vehicle flail.vehicle.toml",
         ("way.geojson", "one Polygon, the border of the field", "none, but LineString"),
     ),
+    "a field for a study": ("tune way.geojson -o t", ("way.geojson", "expected TOML, found JSON", "fields")),
+    "a field for a configuration": ("run way.geojson --preflight", ("way.geojson", "expected TOML, found JSON")),
+    "a plan for a record": ("cover export plan.cover.geojson -o h", ("the plan of a field", "lgprjax cover record")),
+    "a table of fixes for a drive": ("export x.fixes.csv -o x.mcap", ("fixes as a table", "X.fixes.h5")),
+    "settings for a map": ("map info site.toml", ("site.toml", "an HDF5 file", "TOML, a text of settings")),
+    "a text for a map to compare": ("compare notes.txt x.fixes.csv", ("notes.txt", "another format")),
+    "a map for fixes to compare": (
+        "compare site.map.h5 line.drive.h5",
+        ("site.map.h5", "lgprjax.fixes, the fixes of a drive", "a subsurface database"),
+    ),
+    "a drive log for a run to recover": (
+        "recover line.drive.h5 -o y.drive.h5",
+        ("line.drive.h5", "the folder of a recorded run", "a drive log", "what lgprjax recover makes"),
+    ),
+    "an empty bag": (
+        "import empty.bag -o x.drive.h5",
+        ("empty.bag", "a whole ROS bag", "found an empty file", "again"),
+    ),
+    "a text for a bag": ("import text.bag -o x.drive.h5", ("text.bag", "a whole ROS bag", "found another format")),
+    "an empty gprMax file": ("import gprmax empty.out -o x.drive.h5", ("empty.out", "found an empty file", "again")),
+    "an empty SEG-Y file": ("import empty.sgy -o x.drive.h5", ("empty.sgy", "expected data, found an empty file")),
+    "a folder to draw": ("view folder", ("folder", "a recording or a map", "found a folder", "name a file in it")),
+    "a picture for a recording": ("view photo.dzt", ("photo.dzt", "header", "a DZT header")),
+    "a recording to check": ("check LINE.DT1", ("LINE.DT1", "a suffix among", "lgprjax import LINE.DT1 -o X.drive.h5")),
+    "the health of a map": ("check --health site.map.h5", ("--health", "drive logs only", "found site.map.h5")),
+    "a demonstration into a file": ("demo -o notes.txt", ("notes.txt", "a folder that can be made", "exists")),
+    "a study that is not UTF-8": ("tune latin.toml -o t", ("latin.toml", "no text in UTF-8", "from byte 9")),
+    "a heading that is no number": (
+        "import LINE.DT1 -o x.drive.h5 --heading-deg nan",
+        ("--heading-deg", "expected degrees, found nan"),
+    ),
+    "a corner that is no number": (
+        "cover plan nan.geojson -o p.cover.geojson --vehicle flail.vehicle.toml",
+        ("nan.geojson", "corner 2", "a number", "'nan'"),
+    ),
+    "a benchmark off the earth": (
+        "cover export line.drive.h5 -o h --benchmark-deg 100 200",
+        ("--benchmark-deg", "latitude from -90 to 90", "found 100 200"),
+    ),
+    "figures in place of an input": (
+        "register site.map.h5 line.drive.h5 -o r --json line.drive.h5 --force",
+        ("line.drive.h5", "another file than those that are read"),
+    ),
     # Things that do not fit together.
     "a map for a drive": (
         "register site.map.h5 site.map.h5 -o r",
@@ -234,6 +277,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     way = '{"type": "LineString", "coordinates": [[11, 48], [11.001, 48]]}'
     (folder / "way.geojson").write_text(way, encoding="utf-8")
     (folder / "site.toml").write_text('name = "x"\n[[drive]]\nname = "live"\n', encoding="utf-8")
+    for name in ("empty.bag", "empty.out", "empty.sgy"):
+        (folder / name).write_bytes(b"")
+    for name in ("text.bag", "x.fixes.csv", "plan.cover.geojson"):
+        (folder / name).write_text("a text\n", encoding="utf-8")
+    (folder / "photo.dzt").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(2048))
+    (folder / "latin.toml").write_bytes('name = "H\xfcgel"\n'.encode("latin-1"))
+    corners = "[[11, 48], [NaN, 48], [11.001, 48.001], [11, 48]]"
+    (folder / "nan.geojson").write_text(f'{{"type": "Polygon", "coordinates": [{corners}]}}', encoding="utf-8")
     for name in ("first", "second"):
         (folder / "runs" / name).mkdir(parents=True)
         (folder / "runs" / name / "0000.lgprun").write_bytes(b"")

@@ -178,7 +178,7 @@ _BAD: dict[str, tuple[Callable[[list[Path]], Any], dict[str, Any], str]] = {
     "missing": (lambda p: p[1].unlink(), {}, "scan2.out: file: expected a readable file, found No such file"),
     "empty": (lambda p: p[1].write_bytes(b""), {}, "scan2.out: file: expected a whole gprMax file (HDF5)"),
     "cut": (lambda p: p[1].write_bytes(p[1].read_bytes()[:3000]), {}, "expected a whole gprMax file (HDF5)"),
-    "text": (lambda p: p[1].write_bytes(b"text" * 99), {}, "one that is cut short or another format"),
+    "text": (lambda p: p[1].write_bytes(b"text" * 99), {}, "found another format"),
     "other HDF5": (_edited(lambda s: s.__delitem__("rxs")), {}, "rxs: expected the receivers of a gprMax file, found"),
     "no dt": (_edited(lambda s: s.attrs.__delitem__("dt")), {}, "@dt: expected a number, found none"),
     "bad dt": (_edited(lambda s: s.attrs.__setitem__("dt", -1.0)), {}, "dt: expected seconds above zero, found -1"),

@@ -7,7 +7,7 @@ import pyproj
 import pytest
 
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, check_file, import_grounded
+from lgprjax.formats import DriveLog, assumed_of, check_file, import_grounded
 
 _EASTING_M, _NORTHING_M = 300000.0, 4700000.0
 
@@ -103,6 +103,15 @@ def test_southern_zone(tmp_path: Path) -> None:
         assert log.description.navigation.latitude_deg[0] < -40
 
 
+def test_time_zero_is_the_first_sample_unless_given(tmp_path: Path) -> None:
+    _write_run(tmp_path / "run", np.arange(9) * 0.1)
+    for name, time_zero_ns in (("a", 0.0), ("b", 1.2)):
+        _import(tmp_path / "run", tmp_path / f"{name}.drive.h5", time_zero_ns=time_zero_ns)
+        with DriveLog.open(tmp_path / f"{name}.drive.h5") as log:
+            assert log.description.recording.time_zero_ns == time_zero_ns  # type: ignore[union-attr]
+            assert ("time zero" in assumed_of(log.description.provenance)) == (time_zero_ns == 0.0)
+
+
 def test_bad_runs_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
     run = tmp_path / "run"
     along = np.arange(9) * 0.1
@@ -118,6 +127,8 @@ def test_bad_runs_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
         ({}, {"utm_zone": "61N"}, "found '61N'"),
         ({}, {"scan_rate_hz": 0.0}, "scan_rate_hz: expected a number above zero, found 0"),
         ({}, {"sample_interval_ns": -1.0}, "sample_interval_ns: expected a number above zero, found -1"),
+        ({}, {"time_zero_ns": 2.1}, "time_zero_ns: expected a number below the 2.1 ns of a trace, found 2.1"),
+        ({}, {"time_zero_ns": float("nan")}, "time_zero_ns: expected a number below the 2.1 ns of a trace, found nan"),
         ({"run.npy": None}, {}, "run.npy: file: expected a readable file, found No such file"),
         ({"run_UTM_point.npy": None}, {}, "run_UTM_point.npy: file: expected a readable file"),
         ({"run.npy": b""}, {}, "run.npy: file: expected a whole NumPy file"),

@@ -60,7 +60,9 @@ def test_line_on_the_earth(tmp_path: Path, degrees: bool) -> None:
     if not degrees:
         with pytest.raises(InputError, match="coordinates: expected --utm-zone, or --length-m to leave them unused"):
             import_segy(path, place=_PLACE, output=output)
-    assert import_segy(path, place=_PLACE, utm_zone=None if degrees else "32N", output=output)
+    unused = import_segy(path, place=_PLACE, utm_zone="32N", output=output)
+    zone = ("the UTM zone 32N was not used: the coordinates are in degrees",) if degrees else ()
+    assert unused == (*zone, "the latitude and longitude given were not used: the lines have places of their own")
     assert check_file(output) == []
     with DriveLog.open(output) as log:
         description = log.description
@@ -81,8 +83,9 @@ def test_line_on_the_earth(tmp_path: Path, degrees: bool) -> None:
 def test_tape_beats_coordinates_and_straight_line_without(tmp_path: Path) -> None:
     headers = {71: -100, 73: 1000 + 20 * np.arange(6), 77: 100}
     path = write_segy(tmp_path / "a.sgy", headers=headers)
-    assert not import_segy(path, place=_PLACE, output=tmp_path / "a.drive.h5")
-    assert not import_segy(path, place=_PLACE, length_m=5.0, output=tmp_path / "b.drive.h5")
+    assert import_segy(path, place=_PLACE, output=tmp_path / "a.drive.h5") == ()
+    unused = import_segy(path, place=_PLACE, utm_zone="32N", length_m=5.0, output=tmp_path / "b.drive.h5")
+    assert unused == ("the UTM zone 32N was not used: the line is placed by its length",)
     for name, length_m in (("a", 1.0), ("b", 5.0)):
         with DriveLog.open(tmp_path / f"{name}.drive.h5") as log:
             assert log.description.odometry.distance_m[-1] == pytest.approx(length_m)

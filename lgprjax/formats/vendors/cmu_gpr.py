@@ -14,11 +14,11 @@ from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack
 from lgprjax.formats.line_layout import inputs_of
 from lgprjax.formats.profile import Assumed
 from lgprjax.formats.survey_track import (
-    FIRST_SAMPLE,
     TRACK_ASSUMED,
     SurveyOrigin,
     path_headings_deg,
     straight_track,
+    time_zero_assumed,
     track,
 )
 from lgprjax.radar.array import ArrayGeometry
@@ -62,8 +62,7 @@ def import_cmu(
     place.check()
     if not (np.isfinite(time_window_ns) and time_window_ns > 0):
         raise ArgumentError("time_window_ns", "a number above zero", f"{time_window_ns:g}")
-    if not np.isfinite(time_zero_ns):
-        raise ArgumentError("time_zero_ns", "a number", f"{time_zero_ns:g}")
+    at_first = time_zero_assumed(time_zero_ns, time_window_ns)
     radar_file = folder / "gpr_meas.csv"
     odometry_file = next((folder / name for name in _ODOMETRY if (folder / name).exists()), folder / _ODOMETRY[0])
     truth_file = folder / "ts_meas.csv"
@@ -103,7 +102,7 @@ def import_cmu(
             "inputs": inputs_of([radar_file, odometry_file, *([truth_file] if len(truth) >= 2 else [])]),
             "time_window_ns": time_window_ns,
             "origin": place._asdict(),
-            "assumed": _assumed(place, time_zero_ns, surveyed=true_track is not None),
+            "assumed": at_first | _assumed(place, surveyed=true_track is not None),
             "positions": "total station" if true_track is not None else "odometry along a straight line",
             "scans_left_out": int(np.count_nonzero(~kept)),
             "rows_of_repeated_time": repeated + odometry_repeated + truth_repeated,
@@ -114,12 +113,11 @@ def import_cmu(
         writer.append(radar[kept, 0] - t0_s, traces)
 
 
-def _assumed(place: SurveyOrigin, time_zero_ns: float, *, surveyed: bool) -> Assumed:
-    at_first: Assumed = {} if time_zero_ns else {"time zero": FIRST_SAMPLE}
+def _assumed(place: SurveyOrigin, *, surveyed: bool) -> Assumed:
     if surveyed:
-        return {**at_first, "heading": "along the path", **TRACK_ASSUMED, **place.assumed()}
+        return {"heading": "along the path", **TRACK_ASSUMED, **place.assumed()}
     straight: Assumed = {"position": "straight from the origin", "heading": f"{place.heading_deg:g} degrees all along"}
-    return {**at_first, **straight, "height": "taken as 0", **TRACK_ASSUMED, **place.assumed()}
+    return {**straight, "height": "taken as 0", **TRACK_ASSUMED, **place.assumed()}
 
 
 def _table(file: Path, what: str, columns: int | None) -> tuple[Float[np.ndarray, "row column"], int]:

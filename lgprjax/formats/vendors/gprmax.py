@@ -90,7 +90,12 @@ def _opened(file: Path) -> Iterator[h5py.File]:
     except FileNotFoundError:
         raise InputError(file, "file", "a readable file", "No such file") from None
     except OSError as error:
-        found = "a folder" if file.is_dir() else f"one that is cut short or another format ({error})"
+        if file.is_dir():
+            found = "a folder"
+        elif not file.stat().st_size:
+            found = "an empty file"
+        else:
+            found = f"one that is cut short ({error})" if h5py.is_hdf5(file) else "another format"
         raise InputError(file, "file", "a whole gprMax file (HDF5)", found) from None
     with store:
         try:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.survey_track import FIRST_SAMPLE, TRACK_ASSUMED, check_utm, utm_projection
+from lgprjax.formats.survey_track import TRACK_ASSUMED, check_utm, time_zero_assumed, utm_projection
 from lgprjax.radar.array import ArrayGeometry
 
 _BLOCK_SCANS = 4096
@@ -30,6 +30,7 @@ def import_grounded(
     utm_zone: str,
     sample_interval_ns: float,
     scan_rate_hz: float,
+    time_zero_ns: float = 0.0,
     output: str | Path,
     force: bool = False,
 ) -> None:
@@ -45,6 +46,7 @@ def import_grounded(
         utm_zone: number and hemisphere, such as ``19N``.
         sample_interval_ns: two-way travel time between samples.
         scan_rate_hz: scans a second.
+        time_zero_ns: time zero, relative to sample 0 (the files do not have it).
         output: the drive log.
         force: replace an output that exists.
 
@@ -79,7 +81,7 @@ def import_grounded(
     time_s = np.arange(scans) / scan_rate_hz
     assumed: Assumed = {
         "time": f"{scan_rate_hz:g} scans a second, as given; the date is unknown",
-        "time zero": FIRST_SAMPLE,
+        **time_zero_assumed(time_zero_ns, samples * sample_interval_ns),
         "odometry": "from the positions",
         "height": "taken as 0",
         **TRACK_ASSUMED,
@@ -91,7 +93,7 @@ def import_grounded(
         # The run has no clock: the epoch means that the date is unknown.
         t0_utc="1970-01-01T00:00:00Z",
         array=_array(folder, positions_m, forward),
-        recording=TraceRecording(sample_interval_ns, 0.0, zero_level, None, samples),
+        recording=TraceRecording(sample_interval_ns, time_zero_ns, zero_level, None, samples),
         navigation=_track(projection, positions_m.mean(axis=1), forward, time_s),
         odometry=OdometryTrack(time_s, _travel_m(positions_m.mean(axis=1), forward)),
         truth=None,

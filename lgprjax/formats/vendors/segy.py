@@ -11,9 +11,17 @@ from jaxtyping import Float, Int, Num
 
 from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import inputs_of, write_lines, write_positioned_lines
-from lgprjax.formats.profile import Assumed, Profile, TraceCoordinates, count_traces, read_bytes
+from lgprjax.formats.profile import Profile, TraceCoordinates, count_traces, read_bytes
 from lgprjax.formats.side_positions import metres_kind
-from lgprjax.formats.survey_track import FIRST_SAMPLE, SurveyOrigin, check_utm, distances_m, utm_projection
+from lgprjax.formats.survey_track import (
+    UNUSED_PLACE,
+    SurveyOrigin,
+    check_utm,
+    distances_m,
+    time_zero_assumed,
+    unused_zone,
+    utm_projection,
+)
 
 _TEXT_BYTES, _BINARY_BYTES, _TRACE_HEADER_BYTES = 3200, 400, 240
 # Bytes a sample and the type returned, by the format code: IBM float, int32, int16, IEEE float, int8.
@@ -231,7 +239,7 @@ def import_segy(
     length_m: float | None = None,
     output: str | Path,
     force: bool = False,
-) -> bool:
+) -> tuple[str, ...]:
     """Write one SEG-Y line as a drive log of one channel.
 
     Coordinates in degrees, or in metres of a given UTM zone, place every trace: traces stay as recorded and
@@ -248,7 +256,7 @@ def import_segy(
         force: replace an output that exists.
 
     Returns:
-        Whether the line is on its own coordinates, and ``place`` was unused.
+        What was given and not used, and why, in words.
 
     Raises:
         InputError: the file cannot be read or has no sample interval, or the line has no length.
@@ -263,9 +271,13 @@ def import_segy(
         "reading": profile.metadata["reading"],
         "utm_zone": utm_zone,
     }
-    # No header has it: without the option it is made up.
-    at_first: Assumed = {} if time_zero_ns else {"time zero": FIRST_SAMPLE}
+    at_first = time_zero_assumed(time_zero_ns, profile.channels.shape[2] * profile.sample_interval_ns)
     where = None if length_m is not None else _on_the_earth(profile, utm_zone)
+    kind = None if profile.coordinates is None else profile.coordinates.kind
+    notes = []
+    if utm_zone is not None and (length_m is not None or kind == "degrees"):
+        why = "the line is placed by its length" if length_m is not None else "the coordinates are in degrees"
+        notes.append(unused_zone(utm_zone, why))
     if where is not None:
         latitude_deg, longitude_deg = where
         write_positioned_lines(
@@ -279,7 +291,7 @@ def import_segy(
             assumed={"odometry": "from the positions", **at_first},
             force=force,
         )
-        return True
+        return (*notes, *([] if place.assumed() else [UNUSED_PLACE]))
     write_lines(
         [profile],
         left_m=np.zeros(1),
@@ -291,7 +303,7 @@ def import_segy(
         length_m=length_m,
         force=force,
     )
-    return False
+    return tuple(notes)
 
 
 def _on_the_earth(
