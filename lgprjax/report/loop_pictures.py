@@ -1,13 +1,21 @@
 """Pictures of tracking, of the identified loop beside logged runs, and of a look-ahead found from logs."""
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from lgprjax.report.style import BLUE, FAINT, GREEN, MUTED, VERMILLION, picture, write_caption
 
 _MOST = 4
+_LABEL_CHARACTERS = 24
+
+
+def _legend_above(ax: Axes) -> None:
+    """In one row beside the title, where no curve is."""
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
 
 
 def draw_tracking(detail: Any, path: Path, force: bool = False) -> None:
@@ -28,7 +36,7 @@ def draw_tracking(detail: Any, path: Path, force: bool = False) -> None:
                     ax.plot(time_s, np.where(mask, one.offset_m, np.nan), color=colour, linewidth=1.2, label=who)
             ax.set_ylabel("offset (m)")
             ax.set_title(name)
-            ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
+            _legend_above(ax)
         axes[len(shown) - 1].set_xlabel("time (s)")
         last = axes[-1]
         for engaged, colour, label in ((True, BLUE, "autopilot"), (False, VERMILLION, "driver")):
@@ -43,7 +51,7 @@ def draw_tracking(detail: Any, path: Path, force: bool = False) -> None:
         last.set_xlabel("speed (m/s)")
         last.set_ylabel("rms (m)")
         if detail.bands:
-            last.legend(loc="upper right")
+            _legend_above(last)
         write_caption(figure, "Offsets from the path by smoothed fixes, left positive; bands and bars are 95 %.")
 
 
@@ -82,7 +90,7 @@ def draw_loop(detail: Any, path: Path, force: bool = False) -> None:
             ax.plot(one.time_s, one.rolled_m, color=VERMILLION, linewidth=1.2, linestyle="--", label="rollout")
             ax.set_ylabel("offset (m)")
             ax.set_title(one.name)
-            ax.legend(loc="upper right", ncols=2)
+            _legend_above(ax)
         if shown:
             axes[-1].set_xlabel("time (s)")
         write_caption(figure, "The rollout begins where the autopilot began to steer, with the numbers of the fit.")
@@ -96,26 +104,28 @@ def draw_logged_look_ahead(detail: Any, path: Path, force: bool = False) -> None
     """
     tuned = detail.tuned
     held = tuned.schedule.look_ahead
-    speeds = np.linspace(0.5 * tuned.speeds_mps.min(), 1.2 * tuned.speeds_mps.max(), 60)
-    numbers = [float(value) for value in held]
-    span = max(numbers[3] - numbers[2], 1e-6)
-    ahead = numbers[0] + (numbers[1] - numbers[0]) * np.clip((speeds - numbers[2]) / span, 0.0, 1.0)
+    slow, fast = float(held.slow_mps), float(held.fast_mps)
+    first, last = 0.5 * tuned.speeds_mps.min(), 1.2 * tuned.speeds_mps.max()
+    speeds = np.clip([first, slow, fast, last], first, last)
+    ahead = np.interp(speeds, [slow, fast], [float(held.short_m), float(held.long_m)])
     with picture(path, 9.6, 4.2, force) as figure:
         left, right = figure.subplots(1, 2)
         for share, colour in zip(tuned.shares, (BLUE, GREEN, VERMILLION, MUTED), strict=False):
             longer = share ** -float(tuned.schedule.exponent)
-            left.plot(speeds, longer * ahead, color=colour, linewidth=1.6, label=f"{share:.0%} of the torque")
+            left.plot(speeds, longer * ahead, color=colour, linewidth=1.6, label=f"{share:.0%}")
         away = np.stack([np.median(tuned.best_m, axis=0) - tuned.low_m, tuned.high_m - np.median(tuned.best_m, axis=0)])
         middle = np.median(tuned.best_m, axis=0)
         left.errorbar(tuned.speeds_mps, middle, yerr=np.maximum(away, 0.0), fmt="o", color=MUTED, capsize=3.0)
         left.set_xlabel("speed (m/s)")
         left.set_ylabel("look-ahead (m)")
-        left.set_ylim(bottom=0.0)
-        left.legend(loc="upper left")
+        # Room above the curves for the legend.
+        left.set_ylim(0.0, 1.3 * left.dataLim.ymax)
+        short = {"handlelength": 1.2, "columnspacing": 1.0, "handletextpad": 0.5}
+        left.legend(loc="upper left", ncols=4, title="share of the torque", frameon=False, **short)
         left.set_title("schedule, and each vehicle's best")
         names = [one.what.split(",")[0] for one in detail.experiments]
         right.barh(range(len(names)), [100.0 * one.narrows for one in detail.experiments], color=BLUE)
-        right.set_yticks(range(len(names)), [name.replace(" of ", "\nof ", 1) for name in names])
+        right.set_yticks(range(len(names)), [textwrap.fill(name, _LABEL_CHARACTERS) for name in names])
         right.invert_yaxis()
         right.set_xlabel("narrows the interval by (%)")
         right.set_title("what to drive next")
