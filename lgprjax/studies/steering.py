@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from lgprjax.batch.vehicles import servo_of
 from lgprjax.config import ConfigTable
@@ -53,6 +53,7 @@ from lgprjax.tuning.robust import student_95
 from lgprjax.tuning.sensors import EncoderFit, StraightFit, fit_encoder, fit_straight, fitted_volts
 from lgprjax.tuning.servo import ServoFit, fit_servo, servo_log, to_box, wheel_angles
 from lgprjax.tuning.steering import (
+    RearMapFit,
     RearRatioFit,
     SteeringMap,
     WheelAngleFit,
@@ -67,6 +68,33 @@ from lgprjax.tuning.steering import (
     wheel_angle_blocks,
 )
 from lgprjax.vehicle import Chassis, Servo
+
+
+def _residuals(
+    task: Task, what: str, own: float, judge: Callable[[LoggedDrive], Figure]
+) -> tuple[list[Figure], tuple[Contradiction, ...]]:
+    """Figures of the drives that are held out, and what in them contradicts residuals of ``own``, in their unit."""
+    figures = [judge(drive) for drive in task.judges]
+    against = [
+        one
+        for drive, figure in zip(task.judges, figures, strict=True)
+        for one in judged_residual(what, drive.path, own, figure.value, figure.unit)
+    ]
+    return figures, tuple(against)
+
+
+def _numbers(
+    task: Task, place: str, own: Estimate, judge: Callable[[LoggedDrive], Estimate], what: str, unit: str
+) -> tuple[list[Figure], tuple[Contradiction, ...]]:
+    """How far a number lies from that of the drives that are held out, and what contradicts it."""
+    figures, against = [], list[Contradiction]()
+    for drive in task.judges:
+        held = judge(drive)
+        away = (held.value - own.value) * (1e3 if unit == "mV" else 1.0)
+        figures.append(Figure(f"held out, {drive.path.name}: its {what} minus this one", away, unit))
+        against += compared(place, drive.path, own, held)
+    return figures, tuple(against)
+
 
 # Study of throttle and brake: pre-tension, dead zone, gain and lag of each, and the resistances.
 
@@ -94,13 +122,7 @@ def study_pedals(task: Task) -> Outcome:
     }
     found |= {"resistance.rolling_mps2": fit.rolling_mps2, "resistance.drag_per_s": fit.drag_per_s}
     figures = [Figure("distance in a run, measured minus model, rms", fit.rms_m, "m")]
-    judged = [_judge(judge, fit) for judge in task.judges]
-    figures += judged
-    against = [
-        one
-        for judge, figure in zip(task.judges, judged, strict=True)
-        for one in judged_residual("distance in a run", judge.path, max(fit.rms_m, 0.01), figure.value, "m")
-    ]
+    judged, against = _residuals(task, "distance in a run", max(fit.rms_m, 0.01), lambda drive: _judge(drive, fit))
     scale = fit.metres_per_odometer_metre
     notes = [f"{fit.runs} runs from standstill to standstill"]
     if scale is None:
@@ -108,9 +130,8 @@ def study_pedals(task: Task) -> Outcome:
     else:
         notes.append(f"a metre of the odometer is {scale.value:.4f} m by the fixes")
     model_m = levelled(runs, _way(runs, fit))
-    return Outcome(
-        {**found}, {}, tuple(figures), tuple(notes), PedalsStudy(drive.signals, runs, model_m, fit), tuple(against)
-    )
+    detail = PedalsStudy(drive.signals, runs, model_m, fit)
+    return Outcome({**found}, {}, (*figures, *judged), tuple(notes), detail, against)
 
 
 def _way(runs: PedalRuns, fit: PedalsFit) -> Float[np.ndarray, " record"]:
@@ -163,52 +184,53 @@ def study_rear_ratio(task: Task) -> Outcome:
         return _rear_map(task, drive)
     chassis = chassis_without_anchor(task)
     fit, detail = _fit(method, drive, chassis)
-    figures, against = [], list[Contradiction]()
-    for judge in task.judges:
-        held = _fit(method, judge, chassis)[0].ratio
-        figures.append(Figure(f"held out, {judge.path.name}: its k minus this one", held.value - fit.ratio.value, ""))
-        against += compared("steering.rear_ratio", judge.path, fit.ratio, held)
+    figures, against = _numbers(
+        task, "steering.rear_ratio", fit.ratio, lambda judge: _fit(method, judge, chassis)[0].ratio, "k", ""
+    )
     offset = np.degrees([fit.offset_rad.value, fit.offset_rad.low, fit.offset_rad.high])
     what = "INS heading against the body" if method == "heading" else "rear angle where the front one is 0"
     notes = [f"{what}: {offset[0]:.3f}° ({offset[1]:.3f} to {offset[2]:.3f})", f"{fit.numbers} numbers in the fit"]
     if method == "heading":
         notes.append(f"drift of the headings in addition to their noise: {np.degrees(fit.drift_rad):.3f}°")
-    return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail, tuple(against))
+    return Outcome({"steering.rear_ratio": fit.ratio}, {}, tuple(figures), tuple(notes), detail, against)
 
 
 def _rear_map(task: Task, drive: LoggedDrive) -> Outcome:
     """Find ``rear_map``, which comes before k wherever the vehicle file is used."""
     with fitting(drive.path):
         fit, ratio = fit_rear_map(drive.signals), rear_ratio_by_angles(drive.signals)
-    rear = np.asarray(fit.rear.rear_rad, np.float64)
     own_deg = float(np.degrees(fit.scale_rad))
-    figures, against = [Figure("records' means about the map", own_deg, "deg")], list[Contradiction]()
-    for judge in task.judges:
-        with fitting(judge.path):
-            held = fit_rear_map(judge.signals)
-        # Beyond the angles of the shorter one there is nothing to compare.
-        low, high = max(fit.front_rad[0], held.front_rad[0]), min(fit.front_rad[-1], held.front_rad[-1])
-        if low >= high:
-            first, last = np.degrees(fit.front_rad[[0, -1]])
-            found = f"{np.degrees(held.front_rad[0]):.1f} to {np.degrees(held.front_rad[-1]):.1f}°"
-            raise InputError(judge.path, "front_rad", f"angles between {first:.1f} and {last:.1f}°", found)
-        front = np.linspace(low, high, len(rear))
-        theirs = np.interp(front, held.front_rad, np.asarray(held.rear.rear_rad, np.float64))
-        away_deg = float(np.degrees(rms(theirs - np.interp(front, fit.front_rad, rear))))
-        figures.append(Figure(f"held out, {judge.path.name}: its map less this one, rms", away_deg, "deg"))
-        against += judged_residual("rear_map", judge.path, max(own_deg, 0.1), away_deg, "deg")
-    knots = zip(rear, (fit.high_rad - fit.low_rad) / 3.92, fit.low_rad, fit.high_rad, strict=True)
+    judged, against = _residuals(task, "rear_map", max(own_deg, 0.1), lambda judge: _judge_rear_map(judge, fit))
+    knots = (fit.rear.rear_rad, (fit.high_rad - fit.low_rad) / 3.92, fit.low_rad, fit.high_rad)
+    first, second = (float(angle) for angle in fit.front_rad[:2])
     return Outcome(
-        {"rear_map.rear_rad": [Estimate(*(float(number) for number in knot)) for knot in knots]},
-        {
-            "rear_map.first_rad": float(fit.front_rad[0]),
-            "rear_map.step_rad": float(fit.front_rad[1] - fit.front_rad[0]),
-        },
-        tuple(figures),
+        {"rear_map.rear_rad": _knots(*knots)},
+        {"rear_map.first_rad": first, "rear_map.step_rad": second - first},
+        (Figure("records' means about the map", own_deg, "deg"), *judged),
         (f"a constant k would be {ratio.ratio.value:.4f} ({ratio.ratio.low:.4f} to {ratio.ratio.high:.4f})",),
         WheelAnglesStudy(*wheel_angle_blocks(drive.signals), ratio),
-        tuple(against),
+        against,
     )
+
+
+def _judge_rear_map(judge: LoggedDrive, fit: RearMapFit) -> Figure:
+    """The map of another drive less this one, over the angles that both have."""
+    with fitting(judge.path):
+        held = fit_rear_map(judge.signals)
+    low, high = max(fit.front_rad[0], held.front_rad[0]), min(fit.front_rad[-1], held.front_rad[-1])
+    if low >= high:
+        first, last = np.degrees(fit.front_rad[[0, -1]])
+        found = f"{np.degrees(held.front_rad[0]):.1f} to {np.degrees(held.front_rad[-1]):.1f}°"
+        raise InputError(judge.path, "front_rad", f"angles between {first:.1f} and {last:.1f}°", found)
+    front = np.linspace(low, high, len(fit.rear.rear_rad))
+    theirs, ours = (np.interp(front, one.front_rad, np.asarray(one.rear.rear_rad, np.float64)) for one in (held, fit))
+    name = f"held out, {judge.path.name}: its map less this one, rms"
+    return Figure(name, float(np.degrees(rms(theirs - ours))), "deg")
+
+
+def _knots(*columns: Float[np.ndarray, " knot"] | Float[Array, " knot"]) -> list[Estimate]:
+    """Numbers of a map from columns of their values, standard errors and bounds."""
+    return [Estimate(*(float(number) for number in knot)) for knot in zip(*columns, strict=True)]
 
 
 def _fit(method: str, drive: LoggedDrive, chassis: Chassis) -> tuple[RearRatioFit, HeadingStudy | WheelAnglesStudy]:
@@ -238,19 +260,18 @@ class EncoderStudy(NamedTuple):
 def study_straight(task: Task) -> Outcome:
     """Find ``steering.straight_potentiometer_v``."""
     refuse_options(task)
-    drive = one_drive(task)
-    with fitting(drive.path):
-        fit = fit_straight(fixed_records(drive.signals))
-    figures, against = [Figure("windows relative to the fit, rms", _straight_rms_mv(fit), "mV")], list[Contradiction]()
-    for judge in task.judges:
-        with fitting(judge.path):
-            held = fit_straight(fixed_records(judge.signals))
-        away_mv = 1e3 * (held.potentiometer_v.value - fit.potentiometer_v.value)
-        figures.append(Figure(f"held out, {judge.path.name}: its value minus this one", away_mv, "mV"))
-        against += compared("steering.straight_potentiometer_v", judge.path, fit.potentiometer_v, held.potentiometer_v)
+    fit, place = _fit_straight(one_drive(task)), "steering.straight_potentiometer_v"
+    line = fit.potentiometer_v.value + fit.slope_vm.value * fit.curvature_radpm
+    own = Figure("windows relative to the fit, rms", 1e3 * rms((fit.window_v - line)[fit.weight > 0.0]), "mV")
+    value = fit.potentiometer_v
+    figures, against = _numbers(task, place, value, lambda judge: _fit_straight(judge).potentiometer_v, "value", "mV")
     notes = (f"{fit.turning} windows left out because they turned",) if fit.turning else ()
-    found = {"steering.straight_potentiometer_v": fit.potentiometer_v}
-    return Outcome({**found}, {}, tuple(figures), notes, fit, tuple(against))
+    return Outcome({place: value}, {}, (own, *figures), notes, fit, against)
+
+
+def _fit_straight(drive: LoggedDrive) -> StraightFit:
+    with fitting(drive.path):
+        return fit_straight(fixed_records(drive.signals))
 
 
 def study_encoder(task: Task) -> Outcome:
@@ -268,30 +289,16 @@ def study_encoder(task: Task) -> Outcome:
     else:
         half = _half_width(task.vehicle.found.get("steering.potentiometer_v_per_rad"))
         found["steering.encoder_counts_per_rad"] = _times(fit.counts_per_v, v_per_rad, half)
-        found["steering.backlash_rad"] = _play_rad(fit, v_per_rad)
+        play_rad = _times(fit.hysteresis_counts, 1.0 / abs(fit.counts_per_v.value * v_per_rad))
+        found["steering.backlash_rad"] = Estimate(*(max(number, 0.0) for number in play_rad))
     figures = [Figure("pauses relative to the fit, rms", fit.rms_counts, "count")]
     if v_per_rad is not None:
         per_count = float(np.degrees(abs(1.0 / (fit.counts_per_v.value * v_per_rad))))
         figures.append(Figure("the same at the road wheel", fit.rms_counts * per_count, "deg"))
-    judged = [_judge_sensor(judge, fit, v_per_rad) for judge in task.judges]
-    own, unit = (
-        (figures[1].value, "deg")
-        if v_per_rad is not None
-        else (1e3 * fit.rms_counts / abs(fit.counts_per_v.value), "mV")
-    )
-    against = [
-        one
-        for judge, figure in zip(task.judges, judged, strict=True)
-        for one in judged_residual("pauses", judge.path, own, figure.value, unit)
-    ]
-    figures += judged
+    own = 1e3 * fit.rms_counts / abs(fit.counts_per_v.value) if v_per_rad is None else figures[1].value
+    judged, against = _residuals(task, "pauses", own, lambda judge: _judge_sensor(judge, fit, v_per_rad))
     detail = EncoderStudy(drive.signals, fit, v_per_rad)
-    return Outcome(found, {}, tuple(figures), tuple(notes), detail, tuple(against))
-
-
-def _straight_rms_mv(fit: StraightFit) -> float:
-    line = fit.potentiometer_v.value + fit.slope_vm.value * fit.curvature_radpm
-    return 1e3 * rms((fit.window_v - line)[fit.weight > 0.0])
+    return Outcome(found, {}, (*figures, *judged), tuple(notes), detail, against)
 
 
 def _judge_sensor(judge: LoggedDrive, fit: EncoderFit, v_per_rad: float | None) -> Figure:
@@ -318,12 +325,6 @@ def _times(number: Estimate, factor: float, factor_half: float = 0.0) -> Estimat
     value = number.value * factor
     half = float(np.hypot(0.5 * (number.high - number.low) * factor, number.value * factor_half))
     return Estimate(value, half / 1.96, value - half, value + half)
-
-
-def _play_rad(fit: EncoderFit, v_per_rad: float) -> Estimate:
-    """The play as an angle of the wheels; never negative."""
-    turned = _times(fit.hysteresis_counts, 1.0 / abs(fit.counts_per_v.value * v_per_rad))
-    return Estimate(max(turned.value, 0.0), turned.sigma, max(turned.low, 0.0), max(turned.high, 0.0))
 
 
 # Study of the steering servo: lag, delay, dead band and rate from its commands and the measured wheel angles.
@@ -358,21 +359,16 @@ def study_servo(task: Task) -> Outcome:
         Figure("records per independent residual", fit.memory, ""),
         Figure("largest difference between the swarm's and the gradient's numbers", fit.apart, "standard errors"),
     ]
-    judged = [_judge_servo(task, judge, fit) for judge in task.judges]
-    figures += judged
     own_deg = max(figures[0].value, 0.05)
-    against = [
-        one
-        for judge, figure in zip(task.judges, judged, strict=True)
-        for one in judged_residual("wheel angle", judge.path, own_deg, figure.value, "deg")
-    ]
+    judged, against = _residuals(task, "wheel angle", own_deg, lambda judge: _judge_servo(task, judge, fit))
     agree = "agree" if fit.agree else "do NOT agree: the fit may not be the best one"
     notes = (
         f"wheel angles by {origin}; straight ahead they read {np.degrees(fit.zero_rad.value):.3f}°",
         f"play of {np.degrees(float(fit.servo.backlash_rad)):.2f}° taken as given",
         f"search by gradient and by particle swarm {agree}",
     )
-    return Outcome({**found}, {}, tuple(figures), notes, ServoStudy(drive.signals, measured, fit), tuple(against))
+    detail = ServoStudy(drive.signals, measured, fit)
+    return Outcome({**found}, {}, (*figures, *judged), notes, detail, against)
 
 
 def _given(task: Task) -> Servo:
@@ -418,26 +414,18 @@ def study_wheel_angle(task: Task) -> Outcome:
     front, (low, high) = front_angle(steering_map, knots), front_band(steering_map, knots)
     sigma = 0.5 * (high - low) / student_95(steering_map.degrees)
     figures = [Figure("residuals of the fit, rms", rms(np.degrees(fit.residual_rad)), "deg")]
-    judged = [_judge_wheel_angle(judge, chassis, fit) for judge in task.judges]
-    figures += judged
     own_deg = max(figures[0].value, 0.1)
-    against = [
-        one
-        for judge, figure in zip(task.judges, judged, strict=True)
-        for one in judged_residual("wheel_map", judge.path, own_deg, figure.value, "deg")
-    ]
+    judged, against = _residuals(task, "wheel_map", own_deg, lambda judge: _judge_wheel_angle(judge, chassis, fit))
     return Outcome(
         found={
-            "wheel_map.front_rad": [
-                Estimate(*(float(number) for number in knot)) for knot in zip(front, sigma, low, high, strict=True)
-            ],
+            "wheel_map.front_rad": _knots(front, sigma, low, high),
             "steering.potentiometer_v_per_rad": _slope_at_straight(steering_map),
         },
         fixed={"wheel_map.first_v": float(knots[0]), "wheel_map.step_v": float(knots[1] - knots[0])},
-        figures=tuple(figures),
+        figures=(*figures, *judged),
         notes=tuple(f"{count} stretches left out: {why}" for why, count in fit.dropped.items()),
         detail=WheelAngleStudy(drive.signals, arcs, fit),
-        contradictions=tuple(against),
+        contradictions=against,
     )
 
 
@@ -486,13 +474,11 @@ def study_yaw_gain(task: Task) -> Outcome:
     refuse_options(task)
     drive = one_drive(task)
     fit, origin = _fit_yaw_gain(task, drive)
-    figures, against = [Figure("scatter of 1/G beyond what the arcs explain", fit.extra, "")], list[Contradiction]()
-    for judge in task.judges:
-        held = _fit_yaw_gain(task, judge)[0]
-        away = held.characteristic_speed_mps.value - fit.characteristic_speed_mps.value
-        figures.append(Figure(f"held out, {judge.path.name}: its speed minus this one", away, "m/s"))
-        place = "steering.characteristic_speed_mps"
-        against += compared(place, judge.path, fit.characteristic_speed_mps, held.characteristic_speed_mps)
+    own = Figure("scatter of 1/G beyond what the arcs explain", fit.extra, "")
+    speed, place = fit.characteristic_speed_mps, "steering.characteristic_speed_mps"
+    figures, against = _numbers(
+        task, place, speed, lambda judge: _fit_yaw_gain(task, judge)[0].characteristic_speed_mps, "speed", "m/s"
+    )
     scale = fit.scale
     notes = (
         f"front angles from {origin}",
@@ -501,8 +487,7 @@ def study_yaw_gain(task: Task) -> Outcome:
         f"({scale.low:.4f} to {scale.high:.4f})",
         f"front angles read {np.degrees(fit.offset_rad):.3f}° too far to the left",
     )
-    found = {"steering.characteristic_speed_mps": fit.characteristic_speed_mps}
-    return Outcome({**found}, {}, tuple(figures), notes, YawGainStudy(fit), tuple(against))
+    return Outcome({place: speed}, {}, (own, *figures), notes, YawGainStudy(fit), against)
 
 
 def _fit_yaw_gain(task: Task, drive: LoggedDrive) -> tuple[YawGainFit, str]:
