@@ -134,10 +134,15 @@ def judge_drawn(
     speeds, offsets = (jnp.asarray(v, jnp.float32) for v in (trials.speeds_mps, trials.offsets_m))
     draws = vehicles.servo.lag_s.shape[0]
     shape = (draws, len(speeds), len(shares), len(offsets))
-    ahead = look_ahead_m(
-        stretched_look_ahead(schedule.look_ahead, schedule.exponent, shares[None, :], jnp.min(shares)), speeds[:, None]
-    )
+    ahead = _lengths(schedule, speeds, shares)
     return _driven(vehicles, trials, jnp.broadcast_to(ahead[None], shape[:3]), shares)
+
+
+def _lengths(
+    schedule: WeakSchedule, speeds_mps: Float[Array, " speed"], shares: Float[Array, " share"]
+) -> Float[Array, "speed share"]:
+    held = stretched_look_ahead(schedule.look_ahead, schedule.exponent, shares[None, :], jnp.min(shares))
+    return look_ahead_m(held, speeds_mps[:, None])
 
 
 def _driven(
@@ -188,24 +193,34 @@ def _driven(
 
 SETTLED_M = 0.1
 """Amplitude of an oscillation above which a schedule is said not to settle."""
-_PENALTY_M = 20.0
-"""Cost of a radian of missing phase margin, and of a metre that is left: steep compared with what it saves."""
+_PENALTY = 60.0
+"""Cost of a metre of look-ahead that the phase margin lacks, and of one that is left: steep beside what it saves."""
 _LEFT_SHARE = 0.75
 """Of ``SETTLED_M`` that dead band and play may leave: lag and delay carry the vehicle on by some tenths of it."""
+_EXPONENT, _EXPONENTS = 0.5, np.arange(0.02, 3.0, 0.02)
+"""Of the torque's share: where the tuner begins, and those among which a schedule is lengthened."""
+_MORE = 1.0 + 1e-4
+"""Single precision does not take a length that suffices for one that does not."""
 _LADDER_M = np.geomspace(0.8, 20.0, 10)
+_LONGEST_M = 100.0
 _SLICE = 512
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _slope(
-    trials: TrialCourses, shares: tuple[float, ...], vehicles: DrawnVehicles, free: tuple[_Shape, Array]
+    trials: TrialCourses,
+    shares: tuple[float, ...],
+    vehicles: DrawnVehicles,
+    needed_m: Float[Array, "speed share"],
+    free: tuple[_Shape, Array],
 ) -> tuple[Float[Array, ""], tuple[_Shape, Array]]:
     def price(free: tuple[_Shape, Array]) -> Float[Array, ""]:
         schedule = WeakSchedule(schedule_of(free[0]), jax.nn.softplus(free[1]))
-        judged = judge_drawn(vehicles, trials, schedule, jnp.asarray(shares, jnp.float32))
-        missing = jnp.maximum(trials.least_margin_rad - judged.margin_rad, 0.0)
+        torque = jnp.asarray(shares, jnp.float32)
+        judged = judge_drawn(vehicles, trials, schedule, torque)
+        missing = jnp.maximum(needed_m - _lengths(schedule, jnp.asarray(trials.speeds_mps, jnp.float32), torque), 0.0)
         beyond = jnp.maximum(judged.left_m - _LEFT_SHARE * SETTLED_M, 0.0)
-        return jnp.mean(judged.cost_m) + _PENALTY_M * jnp.mean(missing + beyond)
+        return jnp.mean(judged.cost_m) + _PENALTY * (jnp.mean(missing) + jnp.mean(beyond))
 
     return jax.value_and_grad(price)(free)
 
@@ -228,8 +243,8 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
 
     A look-ahead that leaves the phase margin and still settles within ``SETTLED_M`` is preferred to one of less cost:
     a long one is as good in a drive's first seconds and leaves more in the end.
-    Each step of Adam takes other draws; the result is judged on all of them, and lengthened until enough of them have
-    the required phase margin.
+    Each step of Adam takes other draws; the result is judged on all of them, and lengthened where too few of them have
+    the required phase margin: no more than that, and only at the speeds that want it.
 
     Raises:
         ValueError: fewer than two speeds, a delay longer than the trials', or no length leaves the margin.
@@ -249,22 +264,26 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
     middle = np.median(best, axis=0)
     slow, fast = int(np.argmin(speeds)), int(np.argmax(speeds))
     short, long = middle[slow], max(middle[fast], 1.05 * middle[slow])
-    numbers = (short, long - short, speeds[slow], speeds[fast] - speeds[slow])
-    free = (_Shape(*(jnp.float32(np.log(number)) for number in numbers)), jnp.float32(-0.4))
+    needed = _needed_lengths(vehicles, trials, config)
+    begin = LookAhead(*(jnp.float32(number) for number in (short, long, speeds[slow], speeds[fast])))
+    begin, exponent = _lengthened(WeakSchedule(begin, jnp.float32(_EXPONENT)), needed, speeds, config)
+    more = jnp.maximum(begin.long_m - begin.short_m, 0.05 * begin.short_m)
+    numbers = (begin.short_m, more, begin.slow_mps, begin.fast_mps - begin.slow_mps)
+    free = (_Shape(*(jnp.log(number) for number in numbers)), jnp.log(jnp.expm1(exponent)))
     optimiser = optax.adam(optax.cosine_decay_schedule(config.rate, config.steps))
     state, history = optimiser.init(free), []
     count = len(best)
     for number in range(config.steps):
         at = (np.arange(config.batch) + number * config.batch) % count
         some = _taken(vehicles, at)
-        value, gradient = _slope(trials, config.shares, some, free)
+        value, gradient = _slope(trials, config.shares, some, jnp.asarray(needed, jnp.float32), free)
         history.append(float(value))
         gradient = jax.tree.map(lambda field: jnp.clip(jnp.nan_to_num(field), -1.0, 1.0), gradient)
         with jax.numpy_dtype_promotion("standard"):
             update, state = optimiser.update(gradient, state)
         free = optax.apply_updates(free, update)
     schedule = WeakSchedule(schedule_of(free[0]), jax.nn.softplus(free[1]))
-    schedule = _long_enough(vehicles, trials, config, schedule)
+    schedule = _lengthened(schedule, needed, speeds, config)
     judged = _over_draws(lambda some: _judged(trials, config.shares, some, schedule), vehicles)
     low, high = np.percentile(best, [2.5, 97.5], axis=0)
     return TunedOnDraws(
@@ -311,46 +330,55 @@ def _best_lengths(vehicles: DrawnVehicles, trials: TrialCourses) -> Float[np.nda
     return np.asarray(_LADDER_M[0] * np.exp(step * place))
 
 
-def _long_enough(
-    vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTuning, schedule: WeakSchedule
-) -> WeakSchedule:
-    """The schedule lengthened, and its exponent raised, until enough draws have the margin at full and least torque."""
-    speeds = np.asarray(trials.speeds_mps, np.float32)
+def _needed_lengths(
+    vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTuning
+) -> Float[np.ndarray, "speed share"]:
+    """The least look-ahead with which enough draws have the required phase margin, by speed and share of the torque."""
     lead, lag, delay = (
-        np.asarray(part)[:, None]
+        np.asarray(part)[:, None, None]
         for part in (anchor_lead_m(vehicles.chassis), vehicles.servo.lag_s, vehicles.servo.delay_s)
     )
+    numbers = (lead, np.asarray(trials.speeds_mps)[:, None], lag / np.asarray(config.shares), delay)
+    alike = [jnp.asarray(part, jnp.float32) for part in np.broadcast_arrays(*numbers)]
+    least, most = jnp.zeros_like(alike[0]), jnp.full_like(alike[0], _LONGEST_M)
+    for _ in range(24):
+        middle = 0.5 * (least + most)
+        enough = phase_margin_rad(middle, *alike) >= trials.least_margin_rad
+        least, most = jnp.where(enough, least, middle), jnp.where(enough, middle, most)
+    needed = np.quantile(np.asarray(most, np.float64), config.margin_draws, axis=0, method="higher")
+    for speed, share in np.argwhere(needed > 0.99 * _LONGEST_M):
+        where = f"{trials.speeds_mps[speed]:g} m/s and {config.shares[share]:.0%} of the torque"
+        raise ValueError(f"at {where} no look-ahead up to {_LONGEST_M:g} m leaves the required phase margin")
+    return np.asarray(needed)
 
-    def fails(factor: float, exponent: float, share: float) -> bool:
-        ahead = factor * np.asarray(look_ahead_m(schedule.look_ahead, jnp.asarray(speeds))) * share**-exponent
-        margin = np.asarray(
-            phase_margin_rad(
-                *(
-                    jnp.asarray(v, jnp.float32)
-                    for v in (
-                        ahead + 0.0 * lag,
-                        lead + 0.0 * lag,
-                        speeds[None] + 0.0 * lag,
-                        lag / share + 0.0 * ahead,
-                        delay + 0.0 * ahead,
-                    )
-                )
-            )
-        )
-        return bool((np.mean(margin >= trials.least_margin_rad, axis=0) < config.margin_draws).any())
 
-    factor, exponent = 1.0, float(schedule.exponent)
-    while fails(factor, 0.0, 1.0):
-        factor *= 1.01
-        if factor > 6.0:
-            raise ValueError("no multiple of the look-ahead leaves the required phase margin")
-    while any(fails(factor, exponent, share) for share in config.shares):
-        exponent += 0.02
-        if exponent > 3.0:
-            raise ValueError("no growth with falling torque leaves the required phase margin")
-    held = schedule.look_ahead
-    longer = held._replace(short_m=factor * held.short_m, long_m=factor * held.long_m)
-    return WeakSchedule(longer, jnp.float32(exponent))
+def _lengthened(
+    schedule: WeakSchedule, needed_m: Float[np.ndarray, "speed share"], speeds_mps: np.ndarray, config: DrawnTuning
+) -> WeakSchedule:
+    """A schedule that is nowhere too short, and of those the one that differs least from this: over speed or torque.
+
+    Where a speed wants more, the nearer end of the schedule is raised, with whichever exponent changes the lengths
+    least.
+    """
+    shares, held = np.asarray(config.shares), schedule.look_ahead
+    slow, fast = float(held.slow_mps), float(held.fast_mps)
+    ramp = np.clip((speeds_mps - slow) / (fast - slow), 0.0, 1.0)
+    before = np.asarray(_lengths(schedule, *(jnp.asarray(axis, jnp.float32) for axis in (speeds_mps, shares))))
+    found = []
+    for exponent in (float(schedule.exponent), *_EXPONENTS):
+        ends = np.array([float(held.short_m), float(held.long_m)])
+        for place, wanted in zip(ramp, np.max(needed_m * shares**exponent, axis=1), strict=True):
+            reach = np.array([1.0 - place, place])
+            end = int(place > 0.5)
+            ends[end] += max(_MORE * wanted - float(reach @ ends), 0.0) / reach[end]
+        ends[1] = max(ends)
+        after = (ends[0] + (ends[1] - ends[0]) * ramp)[:, None] * shares**-exponent
+        found.append((float(np.mean(np.abs(np.log(after / before)))), exponent, *ends))
+    _, exponent, short, long = min(found)
+    return WeakSchedule(
+        held._replace(short_m=jnp.float32(short), long_m=jnp.float32(long)),
+        jnp.float32(exponent),
+    )
 
 
 # Which experiment would narrow the recommended look-ahead most.
@@ -417,7 +445,8 @@ def _sensitivity(
 ) -> Float[Array, "output step number"]:
     one = jnp.ones_like(command)[None]
     true = one > 0.0
-    logs = LoopLogs(command[None], one, speed * one, 0.0 * one, 0.0 * one, true, true, jnp.zeros(1))
+    first = jnp.arange(len(command))[None] == 0
+    logs = LoopLogs(command[None], one, speed * one, 0.0 * one, 0.0 * one, true, true, first)
     slopes: Float[Array, "output step number"] = jnp.stack(
         [part[0] for part in jax.jacfwd(lambda at: loop_model(prior, logs, at))(place)]
     )
