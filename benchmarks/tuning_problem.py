@@ -43,7 +43,7 @@ class TuningProblem(NamedTuple):
     """What the peers need of a study, and what it found.
 
     Attributes:
-        command_rad, share, speed_mps, front_rad, yaw_rate_radps, front_used, yaw_used, start_rad: the drives, as
+        command_rad, share, speed_mps, front_rad, yaw_rate_radps, front_used, yaw_used, placed: the drives, as
             ``LoopLogs``.
         value, width, wheelbase_m, backlash_rad: as ``LoopPrior``.
         found, sigma: numbers of the fit and their standard errors, in the order of its names.
@@ -64,7 +64,7 @@ class TuningProblem(NamedTuple):
     yaw_rate_radps: Float[np.ndarray, "drive step"]
     front_used: Bool[np.ndarray, "drive step"]
     yaw_used: Bool[np.ndarray, "drive step"]
-    start_rad: Float[np.ndarray, " drive"]
+    placed: Bool[np.ndarray, "drive step"]
     value: Float[np.ndarray, " number"]
     width: Float[np.ndarray, " number"]
     wheelbase_m: Float[np.ndarray, ""]

@@ -182,7 +182,6 @@ def drive(
     yaw, motor, wheel, command, arc = (np.zeros(lanes) for _ in range(5))
     x, y = -true.anchor_m + 0.0 * yaw, offset_m + 0.0 * yaw
     share = np.broadcast_to(torque, (lanes,))
-    keep = np.exp(-STEP_S * share / true.lag_s)
     rows: list[tuple[np.ndarray, ...]] = []
     gain = 1.0 / (1.0 + (speed / true.v_char_mps) ** 2)
     for step in range(steps):
@@ -194,12 +193,14 @@ def drive(
             command = _pursue(true, told, course, (px, py, felt), arc, ahead_m(v), v)
             rows.append((command, wheel, offset, x, y, yaw, v))
         waiting = np.concatenate([command[None], waiting[:-1]])
-        acting = (1.0 - blend) * waiting[below, lane] + blend * waiting[below + 1, lane]
-        wrong = acting - motor
-        wrong = np.sign(wrong) * np.maximum(np.abs(wrong) - true.dead_band_rad, 0.0)
-        most = true.rate_radps * share * STEP_S
-        moved = np.clip(wrong * (1.0 - keep), -most * (1.0 - true.asymmetry), most * (1.0 + true.asymmetry))
-        motor = motor + moved
+        # A command begins to act within a step. One blended with its follower would begin with the step: at its rate's
+        # limit the servo turns as fast for a part of a command.
+        for slot, lasting in ((below + 1, blend * STEP_S), (below, (1.0 - blend) * STEP_S)):
+            wrong = waiting[slot, lane] - motor
+            wrong = np.sign(wrong) * np.maximum(np.abs(wrong) - true.dead_band_rad, 0.0)
+            most = true.rate_radps * share * lasting
+            nearer = -np.expm1(-lasting * share / true.lag_s) * wrong
+            motor = motor + np.clip(nearer, -most * (1.0 - true.asymmetry), most * (1.0 + true.asymmetry))
         wheel = np.clip(wheel, motor - 0.5 * true.backlash_rad, motor + 0.5 * true.backlash_rad)
         front, rear = np.tan(wheel), np.tan(true.ratio * wheel)
         way = v * STEP_S

@@ -1,8 +1,9 @@
 """The loop of the same drives by ``scipy.optimize.least_squares``: NumPy over all drives at once, a step at a time.
 
 The model, the clipped (Huber) residuals and the prior are those of the study, written again in float64. All columns of
-the Jacobian are one pass over the steps: drives that differ in one number each. It finds the likeliest numbers and no
-more: neither the posterior along the servo's rate nor the memory of the errors, which the study's intervals rest on.
+the Jacobian are one pass over the steps: drives that differ in one number each, or in where the servo begins. It finds
+the likeliest numbers and no more: neither the posterior along the servo's rate nor the memory of the errors, which the
+study's intervals rest on.
 
 ``python -m benchmarks.tuning_peers.scipy_fit OUT PROBLEM --repeats N --threads N``.
 """
@@ -24,6 +25,7 @@ STEP_S = 0.02
 _BY_FACTOR = np.array([True, False, True, False, False, False, False, False, False])
 _HUBER = 1.345
 _AROUND_S = 1.0
+_START_RAD = 0.02
 _DIFFERENCE = 1e-4
 _ROUNDS, _AT_REST = 12, 1e-2
 
@@ -36,17 +38,22 @@ def values_of(problem: TuningProblem, place: Float[np.ndarray, "*n number"]) -> 
 
 
 def model(
-    problem: TuningProblem, place: Float[np.ndarray, "case number"]
+    problem: TuningProblem, sought: Float[np.ndarray, "case sought"]
 ) -> Float[np.ndarray, "output case drive step"]:
     """Front angle and yaw rate of every drive in several cases at once."""
+    place, start = np.split(sought, [len(problem.value)], axis=1)
     lag, delay, rate, dead, asymmetry, ratio, slip, zero, late = values_of(problem, place).T[..., None]
     command, share = problem.command_rad.astype(np.float64).T, problem.share.astype(np.float64).T
     play = 0.5 * float(problem.backlash_rad)
     dead = np.maximum(dead, 0.0)
-    motor = problem.start_rad.astype(np.float64)[None] - zero
-    wheel = motor
+    measured = problem.front_rad.astype(np.float64).T
+    wheel = measured[0] - zero
+    motor = wheel + _START_RAD * start
     seen = np.empty((len(command), *wheel.shape))
-    for step, (wanted, torque) in enumerate(zip(command, share, strict=True)):
+    for step, (wanted, torque, placed) in enumerate(zip(command, share, problem.placed.T, strict=True)):
+        if placed.any():
+            stands = measured[step] - zero
+            motor, wheel = np.where(placed, stands + _START_RAD * start, motor), np.where(placed, stands, wheel)
         seen[step] = wheel
         wrong = wanted - motor
         wrong = wrong - np.clip(wrong, -dead, dead)
@@ -76,23 +83,24 @@ def _later(
 
 
 class LoopResiduals:
-    """Residuals of the drives and of the prior, at scales that are held until they are taken anew."""
+    """Residuals of the drives and of the prior, at scales that are held until they are taken anew.
+
+    Sought are places of the numbers, and where each drive's servo begins, in its standard deviations.
+    """
 
     def __init__(self, problem: TuningProblem) -> None:
         # What no drive reaches was only padded.
         last = int(np.flatnonzero(np.any(problem.front_used | problem.yaw_used, axis=0))[-1]) + 1
-        cut = {
-            name: getattr(problem, name)[:, :last]
-            for name in ("command_rad", "share", "speed_mps", "front_rad", "yaw_rate_radps", "front_used", "yaw_used")
-        }
+        names = ("command_rad", "share", "speed_mps", "front_rad", "yaw_rate_radps", "front_used", "yaw_used", "placed")
+        cut = {name: getattr(problem, name)[:, :last] for name in names}
         self.problem = problem._replace(**cut)
         self.measured = np.stack([cut["front_rad"], cut["yaw_rate_radps"]]).astype(np.float64)
         self.used: Bool[np.ndarray, "output drive step"] = np.stack([cut["front_used"], cut["yaw_used"]])
         self.scale = np.ones(self.used.shape[:2])
 
-    def left(self, place: Float[np.ndarray, "case number"]) -> Float[np.ndarray, "case output drive step"]:
+    def left(self, sought: Float[np.ndarray, "case sought"]) -> Float[np.ndarray, "case output drive step"]:
         """Measured less model, the gyro's bias taken out."""
-        left = np.moveaxis(self.measured[:, None] - model(self.problem, place), 0, 1)
+        left = np.moveaxis(self.measured[:, None] - model(self.problem, sought), 0, 1)
         for case in left:
             for drive, used in enumerate(self.used[1]):
                 if used.any():
@@ -102,23 +110,26 @@ class LoopResiduals:
                     case[1, drive] -= middle + np.mean(np.clip(own - middle, -wide, wide))
         return np.asarray(np.where(self.used, left, 0.0))
 
-    def take_scales(self, place: Float[np.ndarray, " number"]) -> None:
+    def take_scales(self, sought: Float[np.ndarray, " sought"]) -> None:
         """Robust scales about a place."""
-        left = self.left(place[None])[0]
+        left = self.left(sought[None])[0]
         for output, drive in np.ndindex(self.scale.shape):
             used = self.used[output, drive]
             self.scale[output, drive] = _spread(left[output, drive, used]) if used.any() else 1.0
 
-    def __call__(self, place: Float[np.ndarray, " number"]) -> Float[np.ndarray, " residual"]:
+    def __call__(self, sought: Float[np.ndarray, " sought"]) -> Float[np.ndarray, " residual"]:
         """For ``least_squares``."""
-        return np.append((self.left(place[None])[0] / self.scale[..., None])[self.used], place)
+        return np.append((self.left(sought[None])[0] / self.scale[..., None])[self.used], sought)
 
-    def jacobian(self, place: Float[np.ndarray, " number"]) -> Float[np.ndarray, "residual number"]:
-        """Forward differences, all numbers in one pass."""
-        count = len(place)
-        left = self.left(np.concatenate([place[None], place + _DIFFERENCE * np.eye(count)])) / self.scale[..., None]
-        slopes = (left[1:] - left[0])[:, self.used].T / _DIFFERENCE
-        return np.concatenate([slopes, np.eye(count)])
+    def jacobian(self, sought: Float[np.ndarray, " sought"]) -> Float[np.ndarray, "residual sought"]:
+        """Forward differences, all in one pass: the starts together, each drive having only its own."""
+        numbers = len(self.problem.value)
+        each = np.eye(len(sought))
+        moved = np.concatenate([np.zeros_like(each[:1]), each[:numbers], each[numbers:].sum(axis=0, keepdims=True)])
+        left = self.left(sought + _DIFFERENCE * moved) / self.scale[..., None]
+        slopes = (left[1:] - left[0]) / _DIFFERENCE
+        own = np.eye(len(each) - numbers)[:, None, :, None] * slopes[-1]
+        return np.concatenate([np.concatenate([slopes[:-1], own])[:, self.used].T, each])
 
 
 def _spread(values: Float[np.ndarray, " step"]) -> float:
@@ -128,16 +139,16 @@ def _spread(values: Float[np.ndarray, " step"]) -> float:
 def fit(problem: TuningProblem) -> Float[np.ndarray, " number"]:
     """The likeliest numbers: least squares in turn with the scales, from the vehicle file's values."""
     residuals = LoopResiduals(problem)
-    place = np.zeros(len(problem.value))
+    sought = np.zeros(len(problem.value) + len(problem.placed))
     for _ in range(_ROUNDS):
-        residuals.take_scales(place)
-        before = place
-        place = least_squares(
-            residuals, place, jac=residuals.jacobian, loss="huber", f_scale=_HUBER, xtol=1e-5, ftol=1e-7, max_nfev=30
+        residuals.take_scales(sought)
+        before = sought
+        sought = least_squares(
+            residuals, sought, jac=residuals.jacobian, loss="huber", f_scale=_HUBER, xtol=1e-5, ftol=1e-7, max_nfev=30
         ).x
-        if np.max(np.abs(place - before)) < _AT_REST:
+        if np.max(np.abs(sought - before)) < _AT_REST:
             break
-    return values_of(problem, place)
+    return values_of(problem, sought[: len(problem.value)])
 
 
 def main() -> None:

@@ -35,8 +35,9 @@ from lgprjax.vehicle import Servo, VehiclePose, torque_share
 
 TICK_S = 0.1
 _ODOMETER_SIGMA_M = 0.002
-_SETTLING_S = 0.5
 _GAP_S = 0.25
+_UNDER_WAY_S = 0.2
+"""Commands that nobody knows, from before a log or from a gap in it, act no longer than this: delays are shorter."""
 
 
 class LoopDrive(NamedTuple):
@@ -313,21 +314,19 @@ def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
     def padded(values: np.ndarray) -> np.ndarray:
         return np.pad(values, (0, steps - len(values)), mode="constant" if values.dtype == bool else "edge")
 
-    columns = [np.stack([padded(lane[column]) for lane in lanes]) for column in range(7)]
-    start = np.array([lane[3][np.argmax(lane[5])] for lane in lanes])
+    columns = [np.stack([padded(column) for column in field]) for field in zip(*lanes, strict=True)]
     # Drives that are none: nothing of them counts.
     more = -len(lanes) % LANES
     columns = [np.concatenate([column, *[column[-1:]] * more]) for column in columns]
-    start = np.concatenate([start, *[start[-1:]] * more])
-    for flag in columns[5:]:
+    for flag in columns[5:7]:
         flag[len(lanes) :] = False
-    numbers = [jnp.asarray(column, jnp.float32) for column in columns[:5]]
-    command, share, speed, front, rate = numbers
-    front_used, yaw_used = (jnp.asarray(flag) for flag in columns[5:])
-    return LoopLogs(command, share, speed, front, rate, front_used, yaw_used, jnp.asarray(start, jnp.float32))
+    command, share, speed, front, rate = (jnp.asarray(column, jnp.float32) for column in columns[:5])
+    front_used, yaw_used, placed = (jnp.asarray(flag) for flag in columns[5:])
+    return LoopLogs(command, share, speed, front, rate, front_used, yaw_used, placed)
 
 
 def _lane(drive: LoopDrive, servo: Servo) -> tuple[np.ndarray, ...]:
+    """The fields of ``LoopLogs`` for one drive."""
     time_s = drive.time_s
     steps = max(int((time_s[-1] - time_s[0]) / STEP_S) + 1, 2)
     at_s = time_s[0] + STEP_S * np.arange(steps)
@@ -338,25 +337,27 @@ def _lane(drive: LoopDrive, servo: Servo) -> tuple[np.ndarray, ...]:
     own = np.abs(time_s[nearest] - at_s) <= 0.5 * STEP_S + 1e-6
     volts = np.where(np.isfinite(drive.supply_v), drive.supply_v, float(servo.nominal_v))
     share = np.asarray(torque_share(servo, jnp.asarray(volts, jnp.float32)), np.float64)
-    live = drive.commanded & np.isfinite(drive.command_rad)
-    # What the servo does after a gap, or as the log begins, comes from commands that are not known. As it is engaged
-    # it stands where the wheels are.
-    fresh = np.full(steps, True)
-    gaps = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
-    for begin in (*([0] if live[0] else []), *gaps):
-        fresh &= (at_s < time_s[begin]) | (at_s > time_s[begin] + _SETTLING_S)
+    # A command holds to the next one, unless that is long in coming.
+    live = np.flatnonzero(drive.commanded & np.isfinite(drive.command_rad))
+    last = np.searchsorted(time_s[live], at_s + 1e-6, side="right") - 1
+    commanded = np.append(np.diff(time_s[live], append=np.inf), np.inf)[last] <= _GAP_S
+    begins = commanded & ~np.append(False, commanded[:-1])
+    known = np.ones(steps, bool)
+    for first in np.flatnonzero(begins):
+        record = live[last[first]]
+        if record == 0 or time_s[record] - time_s[record - 1] > _GAP_S:
+            known &= (at_s < at_s[first]) | (at_s > at_s[first] + _UNDER_WAY_S)
     moving = np.abs(drive.speed_mps) > 0.3
-    front = np.interp(at_s, time_s, _filled(drive.front_rad))
-    rate = np.interp(at_s, time_s, _filled(drive.yaw_rate_radps))
-    usable = own & live[held] & fresh
+    usable = own & commanded & known
     return (
-        _filled(np.where(live, drive.command_rad, drive.front_rad))[held],
+        np.append(drive.command_rad[live], 0.0)[last],
         np.maximum(share[held], 0.02),
         np.interp(at_s, time_s, drive.speed_mps),
-        front,
-        rate,
+        np.interp(at_s, time_s, _filled(drive.front_rad)),
+        np.interp(at_s, time_s, _filled(drive.yaw_rate_radps)),
         usable & np.isfinite(drive.front_rad)[nearest],
         usable & np.isfinite(drive.yaw_rate_radps)[nearest] & moving[nearest],
+        ~commanded | begins | (np.arange(steps) == 0),
     )
 
 

@@ -5,6 +5,10 @@ which the chassis makes of that angle and the speed. The vehicle file is the pri
 keeps the file's value and width. The largest rate of the servo is not regular (a drive that never reaches it only says
 that it is higher), so the posterior is taken along a grid of rates, with the other numbers conditional on each.
 
+Where the motor stands as commands begin is not known to better than play, noise and commands still under way, and a
+servo at its rate's limit carries that on to the end of its turn: each drive's own is found with the numbers, and counts
+in their intervals.
+
 Errors of the signals need not be white: the information of a number is divided by the scatter of its score over blocks
 of four seconds (Liang and Zeger, 1986), outliers are clipped (Huber, 1964).
 """
@@ -26,7 +30,7 @@ NAMES = (
     *("rear_ratio", "slip_s2pm2", "zero_rad", "gyro_late_s"),
 )
 """What is fitted; ``slip_s2pm2`` is 1 / V_CHAR², the last two belong to the sensors."""
-RATE, RATIO = NAMES.index("rate_radps"), NAMES.index("rear_ratio")
+_DELAY, RATE, RATIO = (NAMES.index(name) for name in ("delay_s", "rate_radps", "rear_ratio"))
 _ALL = np.arange(len(NAMES))
 _CHASSIS = np.arange(RATIO, NAMES.index("zero_rad") + 1)
 _BY_FACTOR = np.array([name in ("lag_s", "rate_radps") for name in NAMES])
@@ -44,6 +48,9 @@ _HUBER = 1.345
 _LATEST_S = 2.0
 """Delays of the model reach no further, to either side."""
 _HALVINGS = 32
+_START_RAD = 0.02
+"""Standard deviation of where the motor stands as commands begin, about the angle measured there."""
+_START_ROUNDS = 5
 _ROUNDS = 30
 _NODE_ROUNDS = 6
 _AT_REST = 1e-3
@@ -82,9 +89,10 @@ class LoopLogs(NamedTuple):
         command_rad: holds from each step on.
         share: of the servo's torque, by the supply.
         speed_mps: along the body.
-        front_rad, yaw_rate_radps: measured; 0 where not used.
+        front_rad, yaw_rate_radps: measured; finite.
         front_used, yaw_used: where they count.
-        start_rad: front angle at the first step.
+        placed: where the servo stands as the wheels are measured: at the first step, while nothing is commanded, and
+            as commands begin.
     """
 
     command_rad: Float[Array, "drive step"]
@@ -94,7 +102,7 @@ class LoopLogs(NamedTuple):
     yaw_rate_radps: Float[Array, "drive step"]
     front_used: Bool[Array, "drive step"]
     yaw_used: Bool[Array, "drive step"]
-    start_rad: Float[Array, " drive"]
+    placed: Bool[Array, "drive step"]
 
 
 class LoopPosterior(NamedTuple):
@@ -136,9 +144,16 @@ def places_of(prior: LoopPrior, values: Float[Array, "*n number"]) -> Float[Arra
 
 
 def loop_model(
-    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"]
+    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], start_rad: float | Float[Array, ""] = 0.0
 ) -> tuple[Float[Array, "drive step"], Float[Array, "drive step"]]:
-    """Front angle as its sensor reads it, and yaw rate without a bias, at every step."""
+    """Front angle as its sensor reads it, and yaw rate without a bias, at every step.
+
+    Args:
+        prior: what the numbers are counted from.
+        logs: the drives.
+        place: of the numbers.
+        start_rad: from the angles measured where the servo is placed to where its motor stands.
+    """
     lag, delay, rate, dead_band, asymmetry, ratio, slip, zero, late = values_of(prior, place)
     still = jnp.zeros_like(lag)
     servo = Servo(
@@ -152,10 +167,16 @@ def loop_model(
         still,
     )
 
-    def step(state: ServoState, inputs: tuple[Array, Array]) -> tuple[ServoState, Array]:
-        return turn_servo(state, servo_pace(servo, inputs[1], STEP_S), inputs[0]), state.wheel_rad
+    def step(state: ServoState, inputs: tuple[Array, Array, Array, Array]) -> tuple[ServoState, Array]:
+        command, share, measured, placed = inputs
+        wheel = jnp.where(placed, measured, state.wheel_rad)
+        # The play hides where the motor stands from the wheels, until they turn.
+        motor = jnp.where(placed, measured + start_rad, state.motor_rad)
+        placed_state = state._replace(motor_rad=motor, wheel_rad=wheel)
+        return turn_servo(placed_state, servo_pace(servo, share, STEP_S), command), wheel
 
-    _, wheel = jax.lax.scan(step, init_servo(logs.start_rad - zero), (logs.command_rad.T, logs.share.T))
+    measured = logs.front_rad.T - zero
+    _, wheel = jax.lax.scan(step, init_servo(measured[0]), (logs.command_rad.T, logs.share.T, measured, logs.placed.T))
     wheel = _later(wheel.T, delay)
     # The odometer's noise moves the yaw rate of the model, not the vehicle's. Were slip taken at the same speed, it
     # would be fitted to make the model deaf to that noise, and k with it; a second before and after, it is another.
@@ -237,6 +258,29 @@ def _spread(
     return jnp.maximum(1.4826 * _middle(jnp.abs(values - middle[:, None]), used), 1e-5)
 
 
+def _slopes(
+    logs: LoopLogs, slopes: Float[Array, "output drive step number"], scale: Float[Array, "output drive"]
+) -> Float[Array, "output drive step number"]:
+    """Derivatives of the model as those of its residuals are: over their scale, the gyro's bias taken out."""
+    used = jnp.stack([logs.front_used, logs.yaw_used])[..., None]
+    slopes = jnp.where(used, slopes / scale[..., None, None], 0.0)
+    mean = jnp.sum(slopes[1], axis=1) / _count(logs.yaw_used)[:, None]
+    return slopes.at[1].set(jnp.where(used[1], slopes[1] - mean[:, None], 0.0))
+
+
+def _started(
+    score: Float[Array, "output drive step"], start: Float[Array, "output drive step"]
+) -> tuple[Float[Array, "output drive step"], Float[Array, ""]]:
+    """Residuals with each drive's likeliest start, by Huber's weights, and the cost of all; ``start``: slopes by it."""
+    moved = jnp.zeros((1, score.shape[1], 1))
+    for _ in range(_START_ROUNDS):
+        weight = _HUBER / jnp.maximum(jnp.abs(score - start * moved), _HUBER) * start
+        normal = jnp.sum(weight * start, axis=(0, 2), keepdims=True) + _START_RAD**-2.0
+        moved = jnp.sum(weight * score, axis=(0, 2), keepdims=True) / normal
+    score = score - start * moved
+    return score, _huber(score) + 0.5 * jnp.sum((moved / _START_RAD) ** 2)
+
+
 def _huber(score: Float[Array, "..."]) -> Float[Array, ""]:
     size = jnp.abs(score)
     return jnp.sum(jnp.where(size <= _HUBER, 0.5 * size**2, _HUBER * (size - 0.5 * _HUBER)))
@@ -249,20 +293,33 @@ def _look(
     scale: Float[Array, "output drive"] | None,
     free: Int[np.ndarray, " free"] = _ALL,
 ) -> _Looked:
-    """At a place, with derivatives by the numbers that are free."""
+    """At a place, with derivatives by the numbers that are free, each with the starts that go with it."""
 
-    def model(part: Float[Array, " free"]) -> tuple[Array, Array]:
-        made = jnp.stack(loop_model(prior, logs, place.at[free].set(part)))
+    def model(part: Float[Array, " column"]) -> tuple[Array, Array]:
+        made = jnp.stack(loop_model(prior, logs, place.at[free].set(part[:-1]), part[-1]))
         return made, made
 
-    slopes, made = jax.jacfwd(model, has_aux=True)(place[free])
+    slopes, made = jax.jacfwd(model, has_aux=True)(jnp.append(place[free], 0.0))
     score, scale = _residuals(logs, (made[0], made[1]), scale)
-    used = jnp.stack([logs.front_used, logs.yaw_used])
-    slopes = jnp.where(used[..., None], slopes / scale[..., None, None], 0.0)
-    mean = jnp.sum(slopes[1], axis=1) / _count(used[1])[:, None]
-    slopes = slopes.at[1].set(jnp.where(used[1][..., None], slopes[1] - mean[:, None], 0.0))
-    inside = jnp.where(used & (jnp.abs(score) <= _HUBER), 1.0, 0.0)
-    return _Looked(score, jnp.clip(score, -_HUBER, _HUBER), inside, slopes, scale, _huber(score))
+    slopes = _slopes(logs, slopes, scale)
+    start, slopes = slopes[..., -1], slopes[..., :-1]
+    score, cost = _started(score, start)
+    inside = jnp.where(jnp.stack([logs.front_used, logs.yaw_used]) & (jnp.abs(score) <= _HUBER), 1.0, 0.0)
+    normal = jnp.sum(inside * start**2, axis=(0, 2)) + _START_RAD**-2.0
+    along = jnp.einsum("ods,ods,odsp->dp", inside, start, slopes) / normal[:, None]
+    slopes = slopes - start[..., None] * along[None, :, None]
+    return _Looked(score, jnp.clip(score, -_HUBER, _HUBER), inside, slopes, scale, cost)
+
+
+def _cost(
+    prior: LoopPrior, logs: LoopLogs, place: Float[Array, " number"], scale: Float[Array, "output drive"]
+) -> Float[Array, ""]:
+    """Of the residuals at a place, with each drive's likeliest start."""
+    made, slopes = jax.jvp(
+        lambda start: jnp.stack(loop_model(prior, logs, place, start)), (jnp.zeros(()),), (jnp.ones(()),)
+    )
+    score, _ = _residuals(logs, (made[0], made[1]), scale)
+    return _started(score, _slopes(logs, slopes[..., None], scale)[..., 0])[1]
 
 
 def _solve(
@@ -288,7 +345,7 @@ def _solve(
         gradient = jnp.einsum("ods,odsp->p", seen.pull, seen.jacobian) - held[free] * place[free]
         step = jnp.linalg.solve(normal + damping * jnp.diag(jnp.diagonal(normal)), gradient)
         trial = jnp.clip(place.at[free].add(jnp.clip(step, -0.7, 0.7)), -5.0, 5.0)
-        price = _huber(_residuals(logs, loop_model(prior, logs, trial), seen.scale)[0])
+        price = _cost(prior, logs, trial, seen.scale)
         better = price + 0.5 * jnp.sum(held * trial**2) < seen.cost + 0.5 * jnp.sum(held * place**2)
         moved = jnp.where(better, jnp.max(jnp.abs(trial - place)), 1.0)
         return jnp.where(better, trial, place), jnp.where(better, 0.2, 6.0) * damping, moved, count + 1
@@ -310,15 +367,18 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     starts = jnp.zeros((len(_STARTS), count)).at[:, RATE].set(jnp.asarray(_STARTS, jnp.float32))
     solved = jax.vmap(lambda at: _solve(prior, logs, at, _ALL, jnp.ones(count), _ROUNDS))(starts)
     scale = residual_scale(prior, logs, solved[2]).T
-    costs = jax.vmap(lambda at: _look(prior, logs, at, scale).cost + 0.5 * jnp.sum(at**2))(solved)
+    costs = jax.vmap(lambda at: _cost(prior, logs, at, scale) + 0.5 * jnp.sum(at**2))(solved)
     # Times, rate, asymmetry and dead band are not regular and may stop a solution before the chassis' numbers rest.
     best = _solve(prior, logs, solved[jnp.argmin(costs)], _CHASSIS, jnp.ones(count), _ROUNDS)
     seen = _look(prior, logs, best, None)
     memory, blocks = _memory(logs, seen)
     wheel, _ = loop_model(prior, logs, best)
     turning = jnp.abs(jnp.diff(wheel, axis=1)) / STEP_S / logs.share[:, 1:]
-    fastest = jnp.max(jnp.where(logs.front_used[:, 1:], turning, 0.0), axis=1)
-    reached = jnp.max(fastest) >= REACHED_SHARE * values_of(prior, best)[RATE]
+    likeliest = values_of(prior, best)
+    # Readings that the servo is placed by jump as their noise does.
+    turned = logs.front_used & (_later(logs.placed.astype(jnp.float32), likeliest[_DELAY]) == 0.0)
+    fastest = jnp.max(jnp.where(turned[:, 1:], turning, 0.0), axis=1)
+    reached = jnp.max(fastest) >= REACHED_SHARE * likeliest[RATE]
     sigma = jnp.sqrt(jnp.linalg.inv(_information(seen, memory) + jnp.eye(count))[RATE, RATE])
     node = jnp.where(reached, best[RATE] + sigma * jnp.linspace(-_SPAN, _SPAN, _NODES), jnp.linspace(-3.0, 3.0, _NODES))
 
@@ -344,7 +404,7 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     # Below the fastest turn seen there is nothing unless the limit was reached: a slower servo had not done it.
     price = jnp.where(reached | above, price, jnp.inf)
     weight = jax.nn.softmax(-(price - jnp.min(price)))
-    limit = fastest / values_of(prior, best)[RATE]
+    limit = fastest / likeliest[RATE]
     return LoopPosterior(places, weight, roots, seen.scale.T, memory, blocks, limit, weight @ left)
 
 
@@ -363,17 +423,31 @@ def _blocks(values: Float[Array, "output drive step number"]) -> Float[Array, "b
 
 
 def _memory(logs: LoopLogs, seen: _Looked) -> tuple[Float[Array, " number"], Float[Array, ""]]:
-    """Scatter of each number's score over its expectation for white noise of Huber's kind, and the blocks with data."""
+    """Scatter of each number's score over its expectation for white noise of Huber's kind, and the blocks with data.
+
+    A number that few blocks show has left nothing of its score in them: what it would scatter by comes the more from
+    the correlations of the signals' errors, which all of the drive shows.
+    """
     scores = _blocks(seen.pull[..., None] * seen.jacobian)
     used = jnp.stack([logs.front_used, logs.yaw_used]).astype(jnp.float32)
     blocks = jnp.sum(_blocks(used[..., None])[:, 0] > 0.25 * BLOCK).astype(jnp.float32)
     parts = _blocks(seen.inside[..., None] * seen.jacobian**2)
     bread = jnp.maximum(jnp.sum(parts, axis=0), 1e-6)
     ratio = jnp.sum(scores**2, axis=0) * blocks / jnp.maximum(blocks - len(NAMES), 1.0) / bread
-    # A number that few blocks show cannot show by them that its score scatters less than white noise.
-    rests_on = bread**2 / jnp.maximum(jnp.sum(parts**2, axis=0), 1e-12)
-    less = 1.0 - (1.0 - ratio) * rests_on / (rests_on + 20.0)
-    return jnp.sqrt(jnp.where(ratio < 1.0, less, ratio)), blocks
+    errors = _correlations(seen.pull) / jnp.maximum(jnp.sum(used, axis=2, keepdims=True), 1.0)
+    taper = jnp.linspace(2.0, 0.0, BLOCK + 1)[:-1].at[0].set(1.0)
+    alike = jnp.einsum("odl,odlp,l->p", errors, _correlations(seen.jacobian), taper) / bread
+    alike = jnp.maximum(alike, 1.0)
+    shown = bread**2 / jnp.maximum(jnp.sum(parts**2, axis=0), 1e-12) - 1.0
+    less = alike + (ratio - alike) * shown / (shown + 20.0)
+    return jnp.sqrt(jnp.where(ratio < alike, less, ratio)), blocks
+
+
+def _correlations(values: Float[Array, "output drive step *number"]) -> Float[Array, "output drive lag *number"]:
+    """Sums of products of values with those some steps later, up to the length of a block."""
+    size = 1 << (values.shape[2] + BLOCK - 1).bit_length()
+    spectrum = jnp.abs(jnp.fft.rfft(values, size, axis=2)) ** 2
+    return jnp.fft.irfft(spectrum, size, axis=2)[:, :, :BLOCK]
 
 
 def _information(seen: _Looked, memory: Float[Array, " number"]) -> Float[Array, "number number"]:

@@ -51,7 +51,8 @@ def logs() -> tuple[LoopPrior, LoopLogs]:
     used[1, 3000:] = False
     none = np.zeros((2, STEPS))
     numbers = [single(values) for values in (command, none + 1.0, speed, none, none)]
-    logs = LoopLogs._make([*numbers, jnp.asarray(used), jnp.asarray(used), jnp.zeros(2)])
+    first = jnp.asarray(none + np.arange(STEPS) == 0)
+    logs = LoopLogs._make([*numbers, jnp.asarray(used), jnp.asarray(used), first])
     front, rate = (np.asarray(part) for part in loop_model(prior, logs, places_of(prior, single(TRUE))))
     noisy = (front + 0.003 * draw.normal(size=front.shape), rate + 0.01 * draw.normal(size=rate.shape) + 0.002)
     return prior, logs._replace(front_rad=single(noisy[0]), yaw_rate_radps=single(noisy[1]))
