@@ -2,11 +2,13 @@
 
 import asyncio
 import json
+import logging
 import os
 import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 import websockets
 
 from lgprjax.frames import LocalFrame
@@ -18,9 +20,12 @@ from lgprjax.runtime.ring import Ring
 from lgprjax.wire import Sender
 
 
-def test_a_viewer_gets_scene_position_radargram_and_modes(config: RuntimeConfig, tmp_path: Path) -> None:
+def test_a_viewer_gets_scene_position_radargram_and_modes(
+    config: RuntimeConfig, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     from lgprjax.runtime.output.live import LiveView
 
+    caplog.set_level(logging.DEBUG)
     Heartbeats(tmp_path)
     rings = {name: Ring.create(tmp_path / name, RINGS[name]) for name in ("view_state", "view_scans")}
     port = 20000 + os.getpid() % 20000
@@ -71,3 +76,5 @@ def test_a_viewer_gets_scene_position_radargram_and_modes(config: RuntimeConfig,
         view.close()
     assert topics >= {"/modes", "/position", "/pose", "/radargram", "/scene"}
     assert len(heard) == 5
+    # Its logging is what a connection and a message could wait for each other in.
+    assert not [each for each in caplog.records if each.name.startswith("foxglove")]

@@ -68,6 +68,9 @@ class LiveView:
         self._traces: deque[np.ndarray] = deque(maxlen=_KEPT_SCANS)
         self._fresh = 0
         self._path: list[list[float]] = []
+        # A viewer's connection would be logged through Python by a thread that holds the SDK's lock, while this one
+        # waits for that lock and holds the interpreter's: neither would ever go on.
+        foxglove.set_log_level("CRITICAL")
         try:
             self._server = foxglove.start_server(name="lgprjax", host=table.live_host, port=table.live_port)
         except (OSError, RuntimeError) as error:
