@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt16
 
 from lgprjax import __version__
+from lgprjax.autopilot.modes import ENGAGED
 from lgprjax.batch.recover import RowGatherer, rising
 from lgprjax.coverage import (
     LEVELS,
@@ -189,8 +190,8 @@ def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[Co
 def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
     """Stretches of time with a reason to stop; those less than a second apart are one.
 
-    What ends before a run's first work stopped nothing: until the vehicle has been driven to its start its heading is
-    not known.
+    What ends before anything was engaged or worked in a run stopped nothing: until the vehicle has been driven to its
+    start its heading is not known.
 
     Args:
         runs: in order.
@@ -201,7 +202,8 @@ def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
         time_s = 1e-9 * (run.utc_ns - t0_ns).astype(np.float64)
         bits = run.rows["stop"]
         last_end = -np.inf
-        begun = np.append(np.flatnonzero(run.rows["tool"] & ToolBits.COUNTS), len(bits))[0]
+        under_way = ((run.rows["tool"] & ToolBits.COUNTS) != 0) | np.isin(run.rows["mode"], ENGAGED)
+        begun = np.append(np.flatnonzero(under_way), len(bits))[0]
         for first, last in _stretches(bits != 0, _holes(run)):
             if last < begun:
                 continue

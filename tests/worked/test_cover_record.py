@@ -192,6 +192,10 @@ def test_what_was_missing_before_the_first_work_is_no_stop(tmp_path: Path, plan:
     rows["tool"] = 0
     write_cover_run(tmp_path / "b", rows, time_s, begin_s=900.0, plan_sha256=_PLAN)
     assert not len(record_of(plan, read_cover_run(tmp_path / "b")).stops.run)
+    # Engaged, and stopped by a tool that never worked: that is told.
+    rows["mode"][20:] = 4
+    write_cover_run(tmp_path / "c", rows, time_s, begin_s=1800.0, plan_sha256=_PLAN)
+    assert len(record_of(plan, read_cover_run(tmp_path / "c")).stops.run) == 2
 
 
 def test_the_sentence_is_markovs_bound(tmp_path: Path, plan: CoverPlan) -> None:
