@@ -294,14 +294,13 @@ def _templates(source: MapFile, last: Int[np.ndarray, " template"], count: int, 
     same = source.drive[member] == source.drive[last][:, None]
     valid = stations.valid[where] & (near & same & (last[:, None] >= np.arange(count)))[..., None]
     batch, traces = len(last), count * description.channels
-    first = np.zeros((batch, count, description.channels), bool)
-    first[:, 0] = True
+    scan = np.broadcast_to(np.arange(count, dtype=np.int32)[None, :, None], (batch, count, description.channels))
     offset = turned_by(apart.reshape(batch, traces, 2), -centre[:, 3])
     return Template(
         coefficients=jnp.asarray(coefficients[where].reshape(batch, traces, -1)),
         offset_m=jnp.asarray(offset, dtype=jnp.float32),
         valid=jnp.asarray(valid.reshape(batch, traces)),
-        last_scan=jnp.asarray(first.reshape(batch, traces)),
+        scan=jnp.asarray(scan.reshape(batch, traces)),
     )
 
 

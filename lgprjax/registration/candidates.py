@@ -314,8 +314,9 @@ class StopFixes:
             x_m = array.x_m - centre_m[0] + speed[full, None] * array.time_offset_s
             offset = np.stack([x_m, np.broadcast_to(array.y_m - centre_m[1], x_m.shape)], axis=-1)
             valid = scans.valid[at][full]
+            one_scan = np.zeros(valid.shape, np.int32)
             template = Template(
-                *(jnp.asarray(part) for part in (coefficients[full], offset.astype(np.float32), valid, valid))
+                *(jnp.asarray(part) for part in (coefficients[full], offset.astype(np.float32), valid, one_scan))
             )
             scores = score_each(
                 batch.ready.tile,

@@ -339,11 +339,10 @@ def templates_of(
     count, members, channels = east.shape
     valid = stops.valid[member] & fresh[..., None]
     coefficients = np.where(valid[..., None], stops.coefficients[member], 0.0)
-    first = np.zeros((count, members, channels), bool)
-    first[:, 0] = True
+    scan = np.broadcast_to(np.arange(members, dtype=np.int32)[None, :, None], (count, members, channels))
     return Template(
         jnp.asarray(coefficients.reshape(count, members * channels, -1), dtype=jnp.float32),
         jnp.asarray(offset.reshape(count, -1, 2), dtype=jnp.float32),
         jnp.asarray(valid.reshape(count, -1)),
-        jnp.asarray(first.reshape(count, -1)),
+        jnp.asarray(scan.reshape(count, -1)),
     )

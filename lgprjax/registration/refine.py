@@ -13,10 +13,12 @@ from lgprjax.radar import LIGHT_SPEED_M_PER_NS
 from lgprjax.registration.judge import independent_numbers
 from lgprjax.registration.score import (
     OFF_MAP_SCORE,
+    Pieces,
     SampledGround,
     Score,
     Template,
     leads_off_map,
+    match_pieces,
     normal_equations,
     normalise,
     sample_ground_under,
@@ -27,7 +29,7 @@ from lgprjax.subsurface import Tile
 
 # Refinement: Gauss-Newton from a coarse place to the peak of the correlation, in all degrees of freedom.
 #
-# With the scale alpha projected out, the correlation of live traces S with the ground G is highest where |S - alpha G|²
+# With the scale alpha projected out, the likelihood of live traces S over the ground G is highest where |S - alpha G|²
 # is least, so that its gradient is exact and its curvature needs first derivatives only: those of the bilinear map in
 # the plane, and the phase ramp of a height. A step needs only thirteen sums over depth of each trace (``score``); the
 # rest is the chain rule.
@@ -54,7 +56,7 @@ class RefinedPeak(NamedTuple):
         pose: with pitch as its sixth number.
         correlation: there; ``OFF_MAP_SCORE`` where overlap is missing.
         overlap: share of the template's traces on the map.
-        information: of the match alone, per unit of 1/(1 - r²) and of independent numbers (see ``covariance_of``).
+        information: of the match alone (see ``covariance_of``).
         covered: traces on the map.
         narrow: along and cross: a cell to either side of the pose is off the map.
         asked: the step that the gradient there still asks for, however long.
@@ -113,19 +115,19 @@ def climb(
     ) -> tuple[Array, _Best, Array]:
         sums = trace_sums(sampled, rate, tile.cell_m)
         overlap = jnp.sum(sampled.covered, axis=-1, dtype=jnp.float32) / traces
-        power = jnp.sum(jnp.where(sampled.covered, live_power, 0.0), axis=-1)
-        product, ground = jnp.sum(sums.live_ground, axis=-1), jnp.sum(sums.ground_ground, axis=-1)
-        correlation = normalise(product, power, ground, overlap, min_overlap)
-        information, gradient = normal_equations(sums, sampled, template, pose, power)
-        weight = numbers * overlap / jnp.maximum(1.0 - correlation**2, 1e-3)
+        power = jnp.where(sampled.covered, live_power, 0.0)
+        totals = (jnp.sum(field, axis=-1) for field in (sums.live_ground, power, sums.ground_ground))
+        correlation = normalise(*totals, overlap, min_overlap)
+        pieces = match_pieces(sums.live_ground, sums.ground_ground, power, template.scan, numbers * overlap)
+        information, gradient = normal_equations(sums, pieces, sampled, template, pose)
         away = pose - prior
         on_map = correlation > OFF_MAP_SCORE
-        evidence = _evidence(correlation, numbers * overlap)
+        evidence = _evidence(correlation, pieces)
         posterior = jnp.where(on_map, evidence - 0.5 * jnp.sum(pull * away**2, axis=-1), -jnp.inf)
-        matrix = jnp.where(both[None], weight[:, None, None] * information, 0.0) + unit[None] * held[:, None, :]
+        matrix = jnp.where(both[None], information, 0.0) + unit[None] * held[:, None, :]
         # Directions that differ by rounding only (a single channel's along and yaw) must not break the factorisation.
         matrix = matrix * (1.0 + _RIDGE * unit[None])
-        side = jnp.where(free[None], weight[:, None] * gradient - pull * away, 0.0)
+        side = jnp.where(free[None], gradient - pull * away, 0.0)
         lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
         asked = jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0]
         asked = jnp.where(on_map[:, None], asked, 0.0)
@@ -162,12 +164,11 @@ def climb(
     return RefinedPeak(best.pose, best.correlation, best.overlap, best.information, best.covered, narrow, best.asked)
 
 
-def _evidence(correlation: Float[Array, " batch"], numbers: Float[Array, " batch"]) -> Float[Array, " batch"]:
+def _evidence(correlation: Float[Array, " batch"], pieces: Pieces) -> Float[Array, " batch"]:
     """Log-likelihood of each pose by the independent numbers that lie on the map: traces off it say nothing, for or
     against. Where nothing matches, the correlation itself.
     """
-    known = -0.5 * numbers * jnp.log(jnp.maximum(1.0 - correlation**2, 1e-3))
-    return jnp.where(correlation > 0.0, known, correlation)
+    return jnp.where(correlation > 0.0, pieces.evidence, correlation)
 
 
 class _Best(NamedTuple):
@@ -184,24 +185,21 @@ class _Best(NamedTuple):
 
 def covariance_of(
     peak: RefinedPeak,
-    numbers: Float[Array, " batch"],
     half_width: Float[Array, "batch 6"],
     free: Bool[Array, "6"],
     cell_m: Float[Array, "2"],
 ) -> Float[Array, "batch 5 5"]:
     """Covariance of each pose, its pitch marginalised.
 
-    With the gain projected out, the log-likelihood of a template of N independent numbers on the map is
-    -N/2 log(1 - r²). N is not the number of samples: neighbours in depth, channel and track are correlated. Ground that
-    does not match scores with variance 1/N, so N follows from the surface away from the peak. The prior is added (see
-    ``PRIOR``): what the radar does not observe (often roll) keeps the prior's width.
+    With the gain projected out, the log-likelihood of a piece of N independent numbers on the map is -N/2 log(1 - r²)
+    (``match_pieces``). N is not the number of samples: neighbours in depth, channel and track are correlated. Ground
+    that does not match scores with variance 1/N, so N follows from the surface away from the peak. The prior is added
+    (see ``PRIOR``): what the radar does not observe (often roll) keeps the prior's width.
     """
-    weight = numbers * peak.overlap / jnp.maximum(1.0 - peak.correlation**2, 1e-3)
     # Where a step to either side leaves the map (the line of a single channel), the map bounds the error.
     bound = jnp.pad(jnp.where(peak.narrow, 3.0 / cell_m[None] ** 2, 0.0), [(0, 0), (0, 4)])
     diagonal = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2 + bound
-    matrix = weight[:, None, None] * peak.information
-    matrix = jnp.where((free[:, None] & free[None, :])[None], matrix, 0.0) + jax.vmap(jnp.diag)(diagonal)
+    matrix = jnp.where((free[:, None] & free[None, :])[None], peak.information, 0.0) + jax.vmap(jnp.diag)(diagonal)
     scale = 1.0 / jnp.sqrt(jax.vmap(jnp.diag)(matrix))
     inverse = jnp.linalg.inv(matrix * scale[:, :, None] * scale[:, None, :])[:, :5, :5]
     covariance: Float[Array, "batch 5 5"] = inverse * scale[:, :5, None] * scale[:, None, :5]
@@ -449,17 +447,21 @@ def _turned_best(
         )
 
     traces = jnp.maximum(jnp.sum(template.valid, axis=-1, dtype=jnp.float32), 1.0)
+    live_power = jnp.sum(template.coefficients**2, axis=-1)
 
-    def match(each: tuple[Template, Float[Array, "6"]]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    def match(each: tuple[Template, Float[Array, "6"]]) -> Score:
         score = score_poses(tile, each[0], each[1][None, :5], height_reference_m, rate, min_overlap)
-        return score.correlation[0], jnp.sum(score.covered[0], dtype=jnp.float32)
+        found: Score = jax.tree.map(lambda field: field[0], score)
+        return found
 
     def turn(number: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
         away = (number - headings // 2).astype(jnp.float32) * step
         yaw = jnp.clip(start[:, 3] + away, low, high)
         pose = start.at[:, :2].add(middle(start[:, 3]) - middle(yaw)).at[:, 3].set(yaw)
-        correlation, covered = jax.lax.map(match, (template, pose))
-        evidence = _evidence(correlation, numbers * covered / traces)
+        score = jax.lax.map(match, (template, pose))
+        power, on_map = jnp.where(score.covered, live_power, 0.0), jnp.sum(score.covered, axis=-1, dtype=jnp.float32)
+        pieces = match_pieces(score.product, score.ground, power, template.scan, numbers * on_map / traces)
+        evidence = _evidence(score.correlation, pieces)
         better = evidence > best[1]
         return jnp.where(better[:, None], pose, best[0]), jnp.where(better, evidence, best[1])
 
@@ -500,7 +502,7 @@ def finish_best(
         seed: of the swarm.
         steps: poses measured on a climb.
     """
-    wide = jnp.sum(template.last_scan, axis=1)
+    wide = jnp.sum(template.scan == 0, axis=1)
     several = jnp.max(wide) > 1
     free = jnp.stack([*[jnp.asarray(True)] * 3, jnp.asarray(heading), several, jnp.asarray(pitch)])
     numbers = independent_numbers(floor)
@@ -523,7 +525,7 @@ def finish_best(
         steps = 1
     top = climb(*ground, template, start, region.prior, region.half_width, numbers, free, steps=steps)
     found = top.correlation > OFF_MAP_SCORE
-    covariance = covariance_of(top, numbers, region.half_width, free, tile.cell_m)
+    covariance = covariance_of(top, region.half_width, free, tile.cell_m)
     largest = jnp.asarray(LARGEST_STEP[:5], dtype=jnp.float32).at[:2].multiply(tile.cell_m[0])
     asked = jnp.abs(top.asked[:, :5])
     unfinished = asked > (jnp.asarray(_UNFINISHED, dtype=jnp.float32) * largest)[None]
@@ -540,6 +542,6 @@ def finish_best(
         known(covariance),
         known(top.correlation),
         top.overlap,
-        jnp.sum(top.covered & template.last_scan, axis=1, dtype=jnp.int32),
+        jnp.sum(top.covered & (template.scan == 0), axis=1, dtype=jnp.int32),
         unfinished[:, 0] | (jnp.any(unfinished[:, 1:], axis=1) & (wide > FEW_CHANNELS)),
     )

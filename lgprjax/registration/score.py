@@ -28,13 +28,13 @@ class Template(NamedTuple):
         coefficients: of each trace; zeros where invalid.
         offset_m: forward and left of the array's centre at the last scan, in its body frame.
         valid: traces to use.
-        last_scan: traces of the last scan.
+        scan: that each trace is of, counted backwards from the last one, 0.
     """
 
     coefficients: Float[Array, "*batch trace coefficient"]
     offset_m: Float[Array, "*batch trace 2"]
     valid: Bool[Array, "*batch trace"]
-    last_scan: Bool[Array, "*batch trace"]
+    scan: Int[Array, "*batch trace"]
 
 
 class Score(NamedTuple):
@@ -46,11 +46,14 @@ class Score(NamedTuple):
             number of traces, so that at the map's edge, where few channels overlap, the same r means less; ranked by r
             alone, false matches accumulate there.
         covered: traces on the map.
+        product, ground: of each trace with the ground below it, and of that with itself; 0 where not covered.
     """
 
     correlation: Float[Array, " particle"]
     score: Float[Array, " particle"]
     covered: Bool[Array, "particle trace"]
+    product: Float[Array, "particle trace"]
+    ground: Float[Array, "particle trace"]
 
 
 def score_poses(
@@ -91,19 +94,19 @@ def score_poses(
         -air_delay_ns(height_m - height_reference_m),
         angular_frequency_rad_per_ns,
     )
-    product = jnp.sum(live * ground, axis=-1)
-    live_power = jnp.broadcast_to(jnp.sum(template.coefficients**2, axis=-1)[None], product.shape)
-    ground_power = jnp.sum(ground**2, axis=-1)
+    product = jnp.where(covered, jnp.sum(live * ground, axis=-1), 0.0)
+    live_power = jnp.where(covered, jnp.sum(template.coefficients**2, axis=-1)[None], 0.0)
+    ground_power = jnp.where(covered, jnp.sum(ground**2, axis=-1), 0.0)
     traces = jnp.maximum(jnp.sum(template.valid, dtype=jnp.float32), 1.0)
     overlap = jnp.sum(covered, axis=-1, dtype=jnp.float32) / traces
     correlation = normalise(
-        jnp.sum(jnp.where(covered, product, 0.0), axis=-1),
-        jnp.sum(jnp.where(covered, live_power, 0.0), axis=-1),
-        jnp.sum(jnp.where(covered, ground_power, 0.0), axis=-1),
+        jnp.sum(product, axis=-1),
+        jnp.sum(live_power, axis=-1),
+        jnp.sum(ground_power, axis=-1),
         overlap,
         min_overlap,
     )
-    return Score(correlation, score_of(correlation, overlap), covered)
+    return Score(correlation, score_of(correlation, overlap), covered, product, ground_power)
 
 
 @jax.jit
@@ -245,14 +248,85 @@ def trace_sums(sampled: SampledGround, rate_rad_per_m: Float[Array, " half"], ce
     )
 
 
+_PARTS = 8
+"""Pieces of a template, one after the other along the way, that may match differently."""
+_LEAST_LEFT = 1e-3
+"""Of a piece's power, that may be left of it where it matches: the map itself is no better known."""
+
+
+class Pieces(NamedTuple):
+    """How well each piece of a template matches, for its traces.
+
+    Attributes:
+        gain: of the live traces over the ground.
+        weight: independent numbers a trace, over the power of what is left.
+        evidence: log-likelihood of the template, against ground that has nothing to do with the map.
+    """
+
+    gain: Float[Array, "batch trace"]
+    weight: Float[Array, "batch trace"]
+    evidence: Float[Array, " batch"]
+
+
+def match_pieces(
+    product: Float[Array, "batch trace"],
+    ground: Float[Array, "batch trace"],
+    live: Float[Array, "batch trace"],
+    scan: Int[Array, "batch trace"],
+    numbers: Float[Array, " batch"],
+) -> Pieces:
+    """Gain and noise of each piece of a template.
+
+    Of a window that reaches onto ground the map does not have, some pieces match and others hold nothing of the pose,
+    however loud they are: with one gain and one noise for all they would count as if they did. Where pieces differ no
+    more than chance lets them they have one gain, else each its own: shrunk towards the common one by the share of the
+    differences' square that chance makes (Efron and Morris, 1973). What is left of a piece is its noise.
+
+    Args:
+        product, ground, live: of each trace with the ground, of the ground and of the trace; 0 where it does not count.
+        scan: of each trace (see ``Template``).
+        numbers: independent numbers that the template holds.
+    """
+    scans = jnp.max(scan, axis=-1, keepdims=True) + 1
+    of = (scan * _PARTS // scans)[..., None] == jnp.arange(_PARTS)[None, None]
+    traces, ground, product, live = (
+        jnp.sum(jnp.where(of, field[..., None], 0.0), axis=1)
+        for field in ((ground > 0.0).astype(jnp.float32), ground, product, live)
+    )
+    there = (ground > 0.0) & (live > 0.0)
+    ground, live = (jnp.where(there, field, 1.0) for field in (ground, live))
+    numbers = numbers[:, None] * traces / jnp.maximum(jnp.sum(traces, axis=-1, keepdims=True), 1.0)
+    numbers = jnp.where(there, numbers, 0.0)
+    own = product / ground
+    weight = numbers / jnp.maximum(live - product * own, _LEAST_LEFT * live)
+    common = jnp.sum(weight * product, axis=-1) / jnp.maximum(jnp.sum(weight * ground, axis=-1), 1e-30)
+    apart = own - common[:, None]
+    square = jnp.sum(weight * ground * apart**2, axis=-1)
+    by_chance = jnp.maximum(jnp.sum(there, axis=-1, dtype=jnp.float32) - 1.0, 0.0)
+    kept = jnp.maximum(1.0 - by_chance / jnp.maximum(square, 1e-6), 0.0)
+    # Ground of the opposite sign is no match.
+    gain = jnp.maximum(common[:, None] + kept[:, None] * apart, 0.0)
+    left = jnp.maximum(live - 2.0 * gain * product + gain**2 * ground, _LEAST_LEFT * live)
+    evidence = -0.5 * jnp.sum(numbers * jnp.log(left / live), axis=-1)
+
+    def of_traces(field: Float[Array, "batch part"]) -> Float[Array, "batch trace"]:
+        return jnp.sum(jnp.where(of, field[:, None], 0.0), axis=-1)
+
+    return Pieces(of_traces(gain), of_traces(numbers / left), evidence)
+
+
 def normal_equations(
-    sums: Sums, sampled: SampledGround, template: Template, pose: Float[Array, "batch 6"], power: Float[Array, " batch"]
+    sums: Sums, pieces: Pieces, sampled: SampledGround, template: Template, pose: Float[Array, "batch 6"]
 ) -> tuple[Float[Array, "batch 6 6"], Float[Array, "batch 6"]]:
-    """Matrix and right side of a step, per unit of live power: P'QP and P'Q(live), Q projecting the ground out.
+    """Matrix and right side of a step: P'QP and P'Q(live), Q projecting the ground out, each piece with its gain and
+    weight. The matrix is the information that the template holds of its pose.
 
     How far each degree of freedom moves a trace along, across and up: (1, 0, 0), (0, 1, 0), (0, 0, 1), yaw
     (-b, a, 0) with (a, b) its offset in the tile's frame, roll and pitch (0, 0, lift) and (0, 0, tilt).
     """
+    once, twice = pieces.weight * pieces.gain, pieces.weight * pieces.gain**2
+    of_live = ("live_ground", "live_along", "live_cross", "live_delayed")
+    sums = Sums(**{name: field * (once if name in of_live else twice) for name, field in sums._asdict().items()})
     a, b = sampled.turned_m[..., 0], sampled.turned_m[..., 1]
     lift = template.offset_m[..., 1] * jnp.cos(pose[:, 4, None])
     tilt = template.offset_m[..., 0] * jnp.cos(pose[:, 5, None])
@@ -275,17 +349,17 @@ def normal_equations(
     terms = [term for row in (*upper, onto, toward, (sums.ground_ground, sums.live_ground)) for term in row]
     totals = iter(_totals(terms, 1))
     gram = {(i, j): next(totals) for i in range(6) for j in range(i, 6)}
-    still = jnp.zeros_like(power)
     along, cross, yaw = (next(totals) for _ in range(3))
+    still = jnp.zeros_like(along)
     on = jnp.stack([along, cross, still, yaw, still, still], axis=-1)
     side = jnp.stack([next(totals) for _ in range(6)], axis=-1)
     ground, product = totals
     full = jnp.stack([gram[min(i, j), max(i, j)] for i in range(6) for j in range(6)], axis=-1).reshape(-1, 6, 6)
-    safe, level = jnp.maximum(ground, 1e-30), jnp.maximum(power, 1e-30)
+    safe = jnp.maximum(ground, 1e-30)
     alpha = product / safe
     matrix = full - on[:, :, None] * (on / safe[:, None])[:, None, :]
     side = side - on * alpha[:, None]
-    return matrix * (alpha**2 / level)[:, None, None], side * (alpha / level)[:, None]
+    return matrix * (alpha**2)[:, None, None], side * alpha[:, None]
 
 
 def _totals(terms: list[Array], axis: int) -> list[Array]:

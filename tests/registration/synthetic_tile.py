@@ -121,7 +121,7 @@ def make_problem(
             coefficients=jnp.asarray(coefficients, dtype=jnp.float32),
             offset_m=jnp.asarray(np.tile(OFFSET_M, (batch, 1, 1)), dtype=jnp.float32),
             valid=jnp.ones((batch, TRACES), bool),
-            last_scan=jnp.asarray(np.tile(np.arange(TRACES) < CHANNELS, (batch, 1))),
+            scan=jnp.asarray(np.tile(np.arange(TRACES) // CHANNELS, (batch, 1)), dtype=jnp.int32),
         ),
         prior=jnp.asarray(prior, dtype=jnp.float32),
         half_width=jnp.asarray(np.tile(half_width, (batch, 1)), dtype=jnp.float32),

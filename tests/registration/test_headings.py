@@ -37,12 +37,12 @@ def case() -> tuple[Tile, Template, np.ndarray]:
     heard = stacked(ground(place))
     heard += np.sqrt(0.5) * rng.normal(size=heard.shape)
     several = (WINDOWS, len(BACK_M))
-    last = np.broadcast_to(np.arange(len(BACK_M)) == 0, several)
+    scan = np.broadcast_to(np.arange(len(BACK_M), dtype=np.int32), several)
     template = Template(
         jnp.asarray(heard, dtype=jnp.float32),
         jnp.asarray(np.broadcast_to(OFFSET_M, (*several, 2)), dtype=jnp.float32),
         jnp.ones(several, bool),
-        jnp.asarray(last),
+        jnp.asarray(scan),
     )
     return tile, template, truth
 

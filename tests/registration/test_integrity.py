@@ -15,61 +15,39 @@ FREE = np.array([True, True, True, True, True, False])
 CELL_M = np.array([0.04, 0.06])
 
 
-def covariance(
-    information: np.ndarray,
-    r: float,
-    numbers: float,
-    narrow: tuple[bool, bool] = (False, False),
-    overlap: float = 1.0,
-) -> np.ndarray:
+def covariance(information: np.ndarray, narrow: tuple[bool, bool] = (False, False)) -> np.ndarray:
     """Of one summit."""
     summit = RefinedPeak(
         pose=jnp.zeros((1, 6), jnp.float32),
-        correlation=jnp.full(1, r, jnp.float32),
-        overlap=jnp.full(1, overlap, jnp.float32),
+        correlation=jnp.full(1, 0.7, jnp.float32),
+        overlap=jnp.ones(1, jnp.float32),
         information=jnp.asarray(information[None], dtype=jnp.float32),
         covered=jnp.ones((1, 11), bool),
         narrow=jnp.asarray([narrow]),
         asked=jnp.zeros((1, 6), jnp.float32),
     )
     widths = jnp.asarray(HALF_WIDTH[None], dtype=jnp.float32)
-    found = covariance_of(
-        summit, jnp.full(1, numbers, jnp.float32), widths, jnp.asarray(FREE), jnp.asarray(CELL_M, dtype=jnp.float32)
-    )
+    found = covariance_of(summit, widths, jnp.asarray(FREE), jnp.asarray(CELL_M, dtype=jnp.float32))
     return np.asarray(found[0], dtype=np.float64)
 
 
 def test_the_covariance_is_the_inverse_of_the_information_and_the_prior() -> None:
-    """N / (1 - r²) times the information of the match, beside the prior; axes coupled."""
+    """Information of the match beside that of the prior; axes coupled."""
     root = np.zeros((6, 6))
     root[:5, :5] = np.array([[7, 1, 0, 0, 2], [0, 5, 0, 0, 0], [0, 0, 9, 3, 0], [0, 0, 0, 6, 0], [0, 0, 0, 0, 8]])
-    match = root.T @ root * 0.1
-    r, numbers = 0.8, 100.0
-    information = (match * numbers / (1 - r**2) + np.diag(1.0 / PRIOR_SIGMA**2))[:5, :5]
-    np.testing.assert_allclose(covariance(match, r, numbers), np.linalg.inv(information), rtol=1e-3, atol=1e-8)
-
-
-def test_traces_off_the_map_tell_nothing() -> None:
-    match = np.diag([50.0, 50.0, 50.0, 5.0, 5.0, 0.0])
-    half = covariance(match, 0.8, 100.0, overlap=0.5)
-    information = 0.5 * match * 100.0 / (1 - 0.8**2) + np.diag(1.0 / PRIOR_SIGMA**2)
-    np.testing.assert_allclose(half, np.linalg.inv(information[:5, :5]), rtol=1e-3, atol=1e-8)
+    match = root.T @ root * 28.0
+    information = (match + np.diag(1.0 / PRIOR_SIGMA**2))[:5, :5]
+    np.testing.assert_allclose(covariance(match), np.linalg.inv(information), rtol=1e-3, atol=1e-8)
 
 
 def test_a_flat_peak_leaves_the_region() -> None:
-    flat = covariance(np.zeros((6, 6)), 0.7, 100.0)
+    flat = covariance(np.zeros((6, 6)))
     np.testing.assert_allclose(flat, np.diag(PRIOR_SIGMA[:5] ** 2), rtol=1e-4, atol=1e-9)
-
-
-def test_stronger_noise_gives_wider_sigma() -> None:
-    match = np.diag([50.0, 50.0, 50.0, 5.0, 5.0, 0.0])
-    widths = [np.sqrt(covariance(match * r**2, r, 100.0)[0, 0]) for r in (0.9, 0.7, 0.5)]
-    assert widths[0] < widths[1] < widths[2]
 
 
 def test_a_line_that_a_step_aside_leaves_is_as_wide_as_the_step() -> None:
     """The map of a single channel: nothing tells where across it the vehicle stands, but that it stands on it."""
-    sigma = np.sqrt(np.diag(covariance(np.zeros((6, 6)), 0.7, 100.0, (False, True))))
+    sigma = np.sqrt(np.diag(covariance(np.zeros((6, 6)), (False, True))))
     assert sigma[0] == pytest.approx(PRIOR_SIGMA[0], rel=1e-3)
     assert sigma[1] == pytest.approx(CELL_M[1] / np.sqrt(3.0), rel=0.02)
 

@@ -61,7 +61,7 @@ def make_template(seed: int) -> Template:
         jnp.asarray(coefficients, dtype=jnp.float32),
         jnp.asarray(OFFSET_M, dtype=jnp.float32),
         jnp.asarray(valid),
-        jnp.asarray(np.arange(TRACES) < 6),
+        jnp.asarray(np.arange(TRACES) // 6, dtype=jnp.int32),
     )
 
 
