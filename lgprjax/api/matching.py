@@ -249,7 +249,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
         half_m = options.search_half_m(track.sigma_m[chosen])
         ground, number = _ground_about(site, track.pose[chosen, :2], half_m + window_m, path)
         operators = live_operators(source, log, track, alignment)
-        chain = live_chain(ground, operators, log.channels, int(operators(1.0).shape[0]))
+        chain = live_chain(ground, operators, log.description.array, int(operators(1.0).shape[0]))
         spacing_m = _WINDOW_SPACING * description.settings.wavelength_m
         stops = _stops(log, track, chain, ground, chosen, window_m + spacing_m)
         made = chain.coefficients(stops.filtered, stops.valid, options.time_scale or 1.0)

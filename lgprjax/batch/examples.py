@@ -183,7 +183,7 @@ def fix_example(
     travel = drive.track.travel_m
     settled = np.flatnonzero(np.abs(travel - travel[scan]) < 2.0 * description.settings.track_filter_m + reach_m)
     operators = live_operators(source, log, drive.track, drive.alignment)
-    chain = live_chain(ground, operators, log.channels, int(operators(1.0).shape[0]))
+    chain = live_chain(ground, operators, array, int(operators(1.0).shape[0]))
     start, read = int(settled[0]), []
     for block in live_blocks(log, drive.track, None, start):
         scans = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS)

@@ -348,7 +348,7 @@ def _evidence(
     piece_m = PIECE_M * max(1.0, wavelength_m)
     chances: list[float] = []  # logarithms
     for traces, valid, part in _stretches(log, moved, max(_STRETCH_M, 3.0 * piece_m)):
-        chain = live_chain(held.ground, operators, log.channels, int(operators(1.0).shape[0]))
+        chain = live_chain(held.ground, operators, array, int(operators(1.0).shape[0]))
         search = EvidenceSearch(prepared, chain, options, held.chance)
         scans: LiveScans = chain.feed(traces, valid, part, BLOCK_SCANS)
         path_m, z, area_m2 = search.highest(scans)

@@ -42,22 +42,24 @@ def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chass
     if vehicle.steering_kind != "counter_steer":
         raise InputError(path, "steering_kind", "counter_steer", repr(vehicle.steering_kind))
     steering = vehicle.steering
-    if vehicle.rear_map is not None:
-        held = vehicle.rear_map
-        knots = jnp.asarray(held.rear_rad, jnp.float32)
-        rear: Rear = MeasuredRear(jnp.float32(held.first_rad), jnp.float32(held.step_rad), knots)
-    else:
-        rear = ProportionalRear(jnp.float32(_needed(path, "steering.rear_ratio", steering.rear_ratio)))
     speed = steering.characteristic_speed_mps
     return Chassis(
         wheelbase_m=jnp.float32(_needed(path, "chassis.wheelbase_m", vehicle.chassis.wheelbase_m)),
         anchor_m=jnp.float32(_needed(path, "pursuit.anchor_m", vehicle.pursuit.anchor_m)),
-        rear=rear,
+        rear=_rear_of(vehicle, path),
         largest_angle_rad=jnp.float32(
             _needed(path, "steering.largest_wheel_angle_rad", steering.largest_wheel_angle_rad)
         ),
         characteristic_speed_mps=jnp.float32(float("inf") if speed is None else speed),
     )
+
+
+def _rear_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Rear:
+    held = vehicle.rear_map
+    if held is None:
+        return ProportionalRear(jnp.float32(_needed(path, "steering.rear_ratio", vehicle.steering.rear_ratio)))
+    knots = jnp.asarray(held.rear_rad, jnp.float32)
+    return MeasuredRear(jnp.float32(held.first_rad), jnp.float32(held.step_rad), knots)
 
 
 def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
@@ -168,6 +170,21 @@ def array_of_vehicle(
         of_channels(place.channel_y_m, even.y_m, channels, path, "array.channel_y_m"),
         of_channels(place.channel_time_s, even.time_offset_s, channels, path, "array.channel_time_s"),
         place.height_m,
+        zero_slip_of(vehicle),
+    )
+
+
+def zero_slip_of(vehicle: VehicleFile) -> float:
+    """Distance ahead of the rear axle, in metres, of the point that moves along the body's axis, at small wheel angles.
+
+    0 where the rear wheels do not steer, or the file does not say how.
+    """
+    wheelbase_m, known = vehicle.chassis.wheelbase_m, vehicle.rear_map or vehicle.steering.rear_ratio
+    if vehicle.steering_kind != "counter_steer" or known is None or wheelbase_m is None:
+        return 0.0
+    nothing = jnp.float32(0.0)
+    return float(
+        zero_slip_point(Chassis(jnp.float32(wheelbase_m), nothing, _rear_of(vehicle), nothing, nothing), nothing)
     )
 
 

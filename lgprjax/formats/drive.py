@@ -322,6 +322,8 @@ def _write_description(
     for name in ("x_m", "y_m", "time_offset_s"):
         write_array(store, _SCHEMA, f"/array/{name}", getattr(array, name))
     store["/array"].attrs["height_m"] = array.height_m
+    if array.zero_slip_m:
+        write_attribute(store["/array"], "zero_slip_m", array.zero_slip_m)
 
 
 def write_tracks(
@@ -586,6 +588,7 @@ def _read_description(store: h5py.File) -> DriveDescription:
             y_m=array["y_m"][:],
             time_offset_s=array["time_offset_s"][:],
             height_m=_number(array, "height_m"),
+            zero_slip_m=_number(array, "zero_slip_m", 0.0),
         ),
         recording=_read_recording(store["/radar"]),
         navigation=without_invented(read_track(store["/gnss_ins"]), provenance_of(store)),

@@ -7,7 +7,8 @@ from jaxtyping import Array, Bool, Complex, Float
 
 
 class ArrayGeometry(NamedTuple):
-    """Antenna positions in the body frame (x forward, y left, origin at the rear axle). Channel 0 is leftmost.
+    """Antenna positions in the body frame (x forward, y left, origin at the rear axle), and how it moves. Channel 0 is
+    leftmost.
 
     Attributes:
         x_m: forward position of each channel's phase centre, metres.
@@ -15,12 +16,15 @@ class ArrayGeometry(NamedTuple):
         time_offset_s: delay of each channel after the scan's own time, seconds (the switch matrix steps
             through the channels within one scan).
         height_m: nominal height of the array above the ground, metres.
+        zero_slip_m: forward position of the point that moves along the body's axis, metres: of a vehicle whose rear
+            wheels steer the other way it is ahead of the rear axle, which slips sideways in a turn.
     """
 
     x_m: Float[np.ndarray, " channel"]
     y_m: Float[np.ndarray, " channel"]
     time_offset_s: Float[np.ndarray, " channel"]
     height_m: float
+    zero_slip_m: float = 0.0
 
 
 def centre_of(array: ArrayGeometry) -> tuple[float, float]:

@@ -97,12 +97,20 @@ class LiveChain:
         operators: of the drive's recording at a time scale, with the map's settings.
         basis: of the map.
         track_filter_m: length of the background removal.
+        zero_slip_m: of the vehicle, see ``ArrayGeometry``.
         channels: of the drive.
         recorded: numbers of a trace.
     """
 
     def __init__(
-        self, operators: Operators, basis: CoefficientBasis, *, track_filter_m: float, channels: int, recorded: int
+        self,
+        operators: Operators,
+        basis: CoefficientBasis,
+        *,
+        track_filter_m: float,
+        channels: int,
+        recorded: int,
+        zero_slip_m: float = 0.0,
     ) -> None:
         self._operators = operators
         self._basis = basis
@@ -110,7 +118,7 @@ class LiveChain:
         self._settled_m, self._settled = SETTLED * track_filter_m, False
         self._state = init_live_filter(channels, recorded)
         self._fed = 0
-        self._path_m = 0.0
+        self._zero_slip_m, self._path_m = zero_slip_m, 0.0
         self._reckoned_m = np.zeros(2)
         self._travel_m: float | None = None
 
@@ -145,11 +153,12 @@ class LiveChain:
                 background, self._settled = np.asarray(self._state.mean), True
                 filtered -= np.where(valid[..., None], background, 0.0)
                 filtered = np.where(first[..., None], filtered, self._filter(traces, valid & ~first, moved, block))
-        step = moved[:, None] * np.stack([np.cos(track.pose[:, 3]), np.sin(track.pose[:, 3])], axis=1)
-        reckoned_m = _summed(self._reckoned_m, step)
+        facing = np.stack([np.cos(track.pose[:, 3]), np.sin(track.pose[:, 3])], axis=1)
+        straight_m = _summed(self._reckoned_m, moved[:, None] * facing)
+        reckoned_m = straight_m - self._zero_slip_m * facing
         number = np.arange(self._fed, self._fed + scans)
         self._fed += scans
-        self._travel_m, self._path_m, self._reckoned_m = float(track.travel_m[-1]), float(path_m[-1]), reckoned_m[-1]
+        self._travel_m, self._path_m, self._reckoned_m = float(track.travel_m[-1]), float(path_m[-1]), straight_m[-1]
         return LiveScans(number, filtered, valid, track, path_m, reckoned_m, self._settled, background, self._settled_m)
 
     def _filter(

@@ -81,22 +81,23 @@ def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int
     return GroundMap(source, half_along_m=along_m, half_cross_m=reach_m + 2.0, keep=keep)
 
 
-def live_chain(ground: GroundMap, operators: Operators, channels: int, recorded: int) -> LiveChain:
+def live_chain(ground: GroundMap, operators: Operators, array: ArrayGeometry, recorded: int) -> LiveChain:
     """The chain that converts recorded scans to this map's coefficients.
 
     Args:
         ground: the map.
         operators: matrices from recorded numbers of a trace to profile samples, with the map's settings and number of
             samples.
-        channels: of the drive.
+        array: of the drive.
         recorded: numbers of a trace.
     """
     return LiveChain(
         operators,
         ground.basis,
         track_filter_m=ground.description.settings.track_filter_m,
-        channels=channels,
+        channels=len(array.x_m),
         recorded=recorded,
+        zero_slip_m=array.zero_slip_m,
     )
 
 
@@ -130,7 +131,7 @@ class Registration:
     ) -> None:
         self._block_scans = block_scans
         self._centre = centre_of(array)
-        self._chain = live_chain(ground, operators, len(array.x_m), recorded)
+        self._chain = live_chain(ground, operators, array, recorded)
         self.prepared = PreparedGround(ground, array) if prepared is None else prepared
         search = EvidenceSearch if options.search_swarm is None else SwarmSearch
         self.search = search(self.prepared, self._chain, options, chance, block_scans)

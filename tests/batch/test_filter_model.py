@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.batch import filter_model_of
+from lgprjax.batch import array_of_vehicle, filter_model_of
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, read_vehicle, with_values, write_vehicle
 from lgprjax.formats.vehicle import NavigationTable
@@ -47,6 +47,16 @@ def test_file_of_the_version_before_is_read(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('schema_version = "1.4"', 'schema_version = "1.1"'))
     assert "1.1" in path.read_text()
     assert read_vehicle(path) == _VEHICLE
+
+
+def test_the_array_has_the_point_without_slip_of_its_filter() -> None:
+    placed = with_values(_VEHICLE, {"array.height_m": 0.3}, {})
+    array = array_of_vehicle(placed, "x.vehicle.toml", channels=3, pitch_m=0.1, scan_period_s=0.01)
+    assert array.zero_slip_m == pytest.approx(0.63 * 3.8 / 1.63)
+    assert array.zero_slip_m == pytest.approx(float(filter_model_of(placed).zero_slip_m))
+    unsaid = placed.model_copy(update={"steering": placed.steering.model_copy(update={"rear_ratio": None})})
+    array = array_of_vehicle(unsaid, "x.vehicle.toml", channels=3, pitch_m=0.1, scan_period_s=0.01)
+    assert array.zero_slip_m == 0.0
 
 
 def test_array_that_stands_nowhere_is_one_line() -> None:

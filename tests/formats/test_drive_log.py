@@ -130,6 +130,19 @@ def test_round_trip(tmp_path: Path, traces: np.ndarray, cuts: list[int], data: s
         assert [start for start, _, _ in parts] == list(range(0, scans, 2))
 
 
+@pytest.mark.parametrize("zero_slip_m", [0.0, 1.469])
+def test_where_a_body_does_not_slip_is_kept(tmp_path: Path, zero_slip_m: float) -> None:
+    path, traces = tmp_path / "a.drive.h5", np.ones((4, 3, 8), np.uint8)
+    description = make_description()
+    array = description.array._replace(zero_slip_m=zero_slip_m)
+    with DriveWriter.create(path, replace(description, array=array), channels=3, dtype=traces.dtype) as writer:
+        writer.append(np.arange(4.0), traces)
+    with DriveLog.open(path) as log:
+        assert log.description.array.zero_slip_m == zero_slip_m
+    with h5py.File(path) as store:
+        assert ("zero_slip_m" in store["/array"].attrs) == (zero_slip_m != 0.0)
+
+
 def test_non_finite_traces_are_marked_and_zero(tmp_path: Path) -> None:
     traces = np.ones((4, 3, 8), np.float32) + 127
     traces[1, 2, 5] = np.nan
@@ -223,7 +236,7 @@ _BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         _set("schema_version", "2.0"),
         "@schema_version: expected version 1.x or older (update lgprjax), found 2.0",
     ),
-    "no version": (_set("schema_version", "new"), "@schema_version: expected a version such as 1.6, found 'new'"),
+    "no version": (_set("schema_version", "new"), "@schema_version: expected a version such as 1.7, found 'new'"),
     "time falls": (_put("/radar/time_s", 3, 0.0), "/radar/time_s: expected strictly increasing values, found 1 of 6"),
     "time repeats": (_put("/odometry/time_s", 1, 0.0), "/odometry/time_s: expected strictly increasing values"),
     "time nan": (_put("/radar/time_s", 2, np.nan), "/radar/time_s: expected finite values, found 1 of 6"),

@@ -17,9 +17,9 @@ _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}
 def test_schema_is_complete(name: str) -> None:
     schema = load_schema(name)
     assert schema.name == f"lgprjax.{name}"
-    # 1.6: the search made on board. Vehicle 1.4: body, channels, weak servo. Map 1.3: codes, places, weights, the map's
+    # 1.7: where a body does not slip. Vehicle 1.4: body, channels, weak servo. Map 1.3: codes, places, weights, map's
     # chance. Fixes 1.1: p_false and window_m. Plan 2.1: the room of each side.
-    versions = {"drive": "1.6", "vehicle": "1.4", "map": "1.3", "fixes": "1.1", "cover_plan": "2.1"}
+    versions = {"drive": "1.7", "vehicle": "1.4", "map": "1.3", "fixes": "1.1", "cover_plan": "2.1"}
     assert schema.version == versions.get(name, "1.0")
     entries = [*schema.datasets, *schema.attributes, *schema.columns, *schema.keys]
     paths = [entry.path for entry in entries]

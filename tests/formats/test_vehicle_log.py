@@ -52,7 +52,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     with h5py.File(path) as store:
         assert "radar" not in store
         assert store["/vehicle/steering_command_rad"].attrs["unit"] == b"rad"
-        assert store.attrs["schema_version"] == b"1.6"
+        assert store.attrs["schema_version"] == b"1.7"
 
 
 def test_a_reader_of_radar_says_that_there_is_none(tmp_path: Path) -> None:

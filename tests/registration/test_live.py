@@ -11,8 +11,15 @@ SAMPLES = 6
 BASIS = CoefficientBasis(jnp.ones(SAMPLES), jnp.eye(SAMPLES), jnp.ones(SAMPLES // 2))
 
 
-def identity_chain(channels: int) -> LiveChain:
-    return LiveChain(lambda _: jnp.eye(SAMPLES), BASIS, track_filter_m=4.0, channels=channels, recorded=SAMPLES)
+def identity_chain(channels: int, zero_slip_m: float = 0.0) -> LiveChain:
+    return LiveChain(
+        lambda _: jnp.eye(SAMPLES),
+        BASIS,
+        track_filter_m=4.0,
+        channels=channels,
+        recorded=SAMPLES,
+        zero_slip_m=zero_slip_m,
+    )
 
 
 def track(east: np.ndarray, north: np.ndarray, yaw: np.ndarray, travel: np.ndarray, speed: float = 0.0) -> Track:
@@ -40,7 +47,7 @@ def stops_at(scans: LiveScans, chosen: np.ndarray, array: ArrayGeometry, chain: 
 
 def template_of(where: Track, array: ArrayGeometry, chosen: np.ndarray) -> tuple[Template, Stops]:
     """All chosen scans as one template that ends with the last one, newest first."""
-    chain = identity_chain(len(array.x_m))
+    chain = identity_chain(len(array.x_m), array.zero_slip_m)
     stops = stops_at(feed(chain, where, len(array.x_m)), chosen, array, chain)
     member = np.arange(len(chosen))[::-1][None]
     return templates_of(stops, array, np.array([len(chosen) - 1]), member, np.ones(member.shape, bool)), stops
@@ -77,17 +84,21 @@ def test_channels_stand_where_the_vehicle_had_come(sign: float) -> None:
     np.testing.assert_allclose(template.offset_m[0, :, 0], sign * np.array([0.0, 0.0125, 0.025, 0.0375]), atol=1e-6)
 
 
-def test_a_template_bends_with_the_road() -> None:
-    """Rear axle on a circle of 20 m, array 3 m ahead and 0.2 m to the left: every antenna by hand."""
+@pytest.mark.parametrize("zero_slip_m", [0.0, 1.2])
+def test_a_template_bends_with_the_road(zero_slip_m: float) -> None:
+    """Rear axle, or a point ahead of it, on a circle of 20 m, array 3 m ahead and 0.2 m to the left: every antenna by
+    hand.
+    """
     radius, ahead, aside = 20.0, 3.0, 0.2
     travel = np.arange(120) * 0.05
     yaw = travel / radius
-    array = ArrayGeometry(np.array([ahead, ahead]), np.array([aside + 0.5, aside - 0.5]), np.zeros(2), 0.3)
-    axle = np.stack([radius * np.sin(yaw), radius * (1 - np.cos(yaw))], axis=1)
+    array = ArrayGeometry(np.array([ahead, ahead]), np.array([aside + 0.5, aside - 0.5]), np.zeros(2), 0.3, zero_slip_m)
+    still = np.stack([radius * np.sin(yaw), radius * (1 - np.cos(yaw))], axis=1)
 
     def antenna(scan: int, y: float) -> np.ndarray:
         c, s = np.cos(yaw[scan]), np.sin(yaw[scan])
-        return np.asarray(axle[scan] + [c * ahead - s * y, s * ahead + c * y])
+        x = ahead - zero_slip_m
+        return np.asarray(still[scan] + [c * x - s * y, s * x + c * y])
 
     centre = np.array([antenna(scan, aside) for scan in range(120)])
     chosen = np.arange(30, 111, 2)

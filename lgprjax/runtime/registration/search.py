@@ -227,7 +227,7 @@ class Search:
                 self._held.ground.tile(tile, direction)
         # The whole history is converted to another scale at once.
         channels, recorded = self._radar.channels, self._radar.recorded
-        chain = live_chain(self._held.ground, self._operators, channels, recorded)
+        chain = live_chain(self._held.ground, self._operators, self.array, recorded)
         rows = 1
         while rows < 2 * (self.drive.search.plan.history + TRACK_SCANS):
             blank = np.zeros((rows, channels, recorded), np.float32)

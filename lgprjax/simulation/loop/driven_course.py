@@ -81,6 +81,7 @@ class RadarLoop:
         seed: of the drive's faults and springs.
         ticks: that it may last.
         tick_s: of the loop.
+        zero_slip_m: of the vehicle, as its filter has it.
         chance: of the map.
 
     Raises:
@@ -97,6 +98,7 @@ class RadarLoop:
         seed: int,
         ticks: int,
         tick_s: float,
+        zero_slip_m: float,
         chance: Chance = POOLED,
     ) -> None:
         self._course, self._tick_s, self._scans = course, tick_s, _scans_a_tick(course.spec, tick_s)
@@ -123,8 +125,9 @@ class RadarLoop:
             kept,
             height_m=course.array.height_m,
         )
+        array = course.array._replace(zero_slip_m=zero_slip_m)
         self._search = Registration(
-            ground, operators, course.array, options, chance=chance, recorded=known.samples, block_scans=self._scans
+            ground, operators, array, options, chance=chance, recorded=known.samples, block_scans=self._scans
         )
         self._rng = np.random.default_rng([seed, 31])
         self._roll_error = _ROLL_SIGMA_RAD * self._rng.normal()
@@ -379,6 +382,7 @@ def drive_course(
         seed=seed,
         ticks=ticks,
         tick_s=spec.tick_s,
+        zero_slip_m=float(setup.navigator.model.zero_slip_m),
         chance=chance,
     )
     true, along_m = _start_of(source, course)
