@@ -248,10 +248,10 @@ def trace_sums(sampled: SampledGround, rate_rad_per_m: Float[Array, " half"], ce
     )
 
 
-_PARTS = 8
+_PIECES = 8
 """Pieces of a template, one after the other along the way, that may match differently."""
 _LEAST_LEFT = 1e-3
-"""Of a piece's power, that may be left of it where it matches: the map itself is no better known."""
+"""Share of a piece's power that counts as noise at least: no map is known better."""
 
 
 class Pieces(NamedTuple):
@@ -259,7 +259,7 @@ class Pieces(NamedTuple):
 
     Attributes:
         gain: of the live traces over the ground.
-        weight: independent numbers a trace, over the power of what is left.
+        weight: independent numbers of its piece over the power that is left of it.
         evidence: log-likelihood of the template, against ground that has nothing to do with the map.
     """
 
@@ -279,8 +279,8 @@ def match_pieces(
 
     Of a window that reaches onto ground the map does not have, some pieces match and others hold nothing of the pose,
     however loud they are: with one gain and one noise for all they would count as if they did. Where pieces differ no
-    more than chance lets them they have one gain, else each its own: shrunk towards the common one by the share of the
-    differences' square that chance makes (Efron and Morris, 1973). What is left of a piece is its noise.
+    more than chance lets them they have one gain and one noise, else each its own: shrunk towards the common one by the
+    share of the differences' square that chance makes (Efron and Morris, 1973). What is left of a piece is its noise.
 
     Args:
         product, ground, live: of each trace with the ground, of the ground and of the trace; 0 where it does not count.
@@ -288,31 +288,46 @@ def match_pieces(
         numbers: independent numbers that the template holds.
     """
     scans = jnp.max(scan, axis=-1, keepdims=True) + 1
-    of = (scan * _PARTS // scans)[..., None] == jnp.arange(_PARTS)[None, None]
-    traces, ground, product, live = (
-        jnp.sum(jnp.where(of, field[..., None], 0.0), axis=1)
-        for field in ((ground > 0.0).astype(jnp.float32), ground, product, live)
-    )
+    member = (scan * _PIECES // scans)[..., None] == jnp.arange(_PIECES)[None, None]
+
+    def of_pieces(field: Float[Array, "batch trace"]) -> Float[Array, "batch piece"]:
+        return jnp.sum(jnp.where(member, field[..., None], 0.0), axis=1)
+
+    def of_traces(field: Float[Array, "batch piece"]) -> Float[Array, "batch trace"]:
+        return jnp.sum(jnp.where(member, field[:, None], 0.0), axis=-1)
+
+    traces = of_pieces((ground > 0.0).astype(jnp.float32))
+    product, ground, live = of_pieces(product), of_pieces(ground), of_pieces(live)
     there = (ground > 0.0) & (live > 0.0)
     ground, live = (jnp.where(there, field, 1.0) for field in (ground, live))
     numbers = numbers[:, None] * traces / jnp.maximum(jnp.sum(traces, axis=-1, keepdims=True), 1.0)
     numbers = jnp.where(there, numbers, 0.0)
+    by_chance = jnp.maximum(jnp.sum(there, axis=-1, dtype=jnp.float32) - 1.0, 0.0)
+    whole = jnp.maximum(jnp.sum(numbers, axis=-1, keepdims=True), 1e-6)
+
+    def kept(square: Float[Array, " batch"]) -> Float[Array, "batch 1"]:
+        return jnp.maximum(1.0 - by_chance / jnp.maximum(square, 1e-6), 0.0)[:, None]
+
+    def left_of(gain: Float[Array, "batch piece"]) -> Float[Array, "batch piece"]:
+        return jnp.maximum(live - 2.0 * gain * product + gain**2 * ground, _LEAST_LEFT * live)
+
+    def noise_of(left: Float[Array, "batch piece"]) -> Float[Array, "batch piece"]:
+        level = jnp.log(left)
+        away = level - jnp.sum(numbers * level, axis=-1, keepdims=True) / whole
+        common = jnp.log(jnp.sum(numbers * left, axis=-1, keepdims=True) / whole)
+        # Of N numbers the logarithm of the power scatters by 2/N.
+        return jnp.exp(common + kept(0.5 * jnp.sum(numbers * away**2, axis=-1)) * (level - common))
+
     own = product / ground
-    weight = numbers / jnp.maximum(live - product * own, _LEAST_LEFT * live)
+    weight = numbers / noise_of(left_of(own))
     common = jnp.sum(weight * product, axis=-1) / jnp.maximum(jnp.sum(weight * ground, axis=-1), 1e-30)
     apart = own - common[:, None]
-    square = jnp.sum(weight * ground * apart**2, axis=-1)
-    by_chance = jnp.maximum(jnp.sum(there, axis=-1, dtype=jnp.float32) - 1.0, 0.0)
-    kept = jnp.maximum(1.0 - by_chance / jnp.maximum(square, 1e-6), 0.0)
     # Ground of the opposite sign is no match.
-    gain = jnp.maximum(common[:, None] + kept[:, None] * apart, 0.0)
-    left = jnp.maximum(live - 2.0 * gain * product + gain**2 * ground, _LEAST_LEFT * live)
-    evidence = -0.5 * jnp.sum(numbers * jnp.log(left / live), axis=-1)
-
-    def of_traces(field: Float[Array, "batch part"]) -> Float[Array, "batch trace"]:
-        return jnp.sum(jnp.where(of, field[:, None], 0.0), axis=-1)
-
-    return Pieces(of_traces(gain), of_traces(numbers / left), evidence)
+    gain = jnp.maximum(common[:, None] + kept(jnp.sum(weight * ground * apart**2, axis=-1)) * apart, 0.0)
+    left = left_of(gain)
+    noise = noise_of(left)
+    evidence = -0.5 * jnp.sum(numbers * (jnp.log(noise / live) + left / noise - 1.0), axis=-1)
+    return Pieces(of_traces(gain), of_traces(numbers / noise), evidence)
 
 
 def normal_equations(
