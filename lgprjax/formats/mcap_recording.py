@@ -278,6 +278,7 @@ def array_values(array: ArrayGeometry, recording: TraceRecording | SweepRecordin
         "y_m": array.y_m,
         "time_offset_s": array.time_offset_s,
         "height_m": array.height_m,
+        "zero_slip_m": array.zero_slip_m,
     }
     if isinstance(recording, TraceRecording):
         return values | {"centre_frequency_hz": recording.centre_frequency_hz or 0.0}
@@ -310,7 +311,9 @@ def geometry_of(
         if len(numbers) != form.channels:
             expected = f"{form.channels} channels as the scans have"
             raise InputError(path, f"RadarArray, {name}", expected, str(len(numbers)))
-    return ArrayGeometry(**lists, height_m=float(values.get("height_m", np.nan)))
+    # Recordings from before do not have it.
+    height_m, zero_slip_m = float(values.get("height_m", np.nan)), float(values.get("zero_slip_m", 0.0))
+    return ArrayGeometry(lists["x_m"], lists["y_m"], lists["time_offset_s"], height_m, zero_slip_m)
 
 
 def recording_of_form(path: Path, form: ScanForm, values: Mapping[str, Any] | None) -> TraceRecording | SweepRecording:

@@ -262,6 +262,7 @@ float64[] x_m                        # forward, one a channel
 float64[] y_m                        # to the left, one a channel, falling
 float64[] time_offset_s              # delay of each channel after the stamp of its scan
 float64 height_m                     # of the array above the ground
+float64 zero_slip_m                  # ahead of the rear axle: the point that moves along the body's axis
 float64 centre_frequency_hz          # 0: not known
 float64[] frequencies_hz             # of sweeps; empty of traces, and so is all that follows
 float64 group_delay_ns               # delay of the calibration channel's path

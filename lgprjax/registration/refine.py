@@ -116,8 +116,8 @@ def climb(
         sums = trace_sums(sampled, rate, tile.cell_m)
         overlap = jnp.sum(sampled.covered, axis=-1, dtype=jnp.float32) / traces
         power = jnp.where(sampled.covered, live_power, 0.0)
-        totals = (jnp.sum(field, axis=-1) for field in (sums.live_ground, power, sums.ground_ground))
-        correlation = normalise(*totals, overlap, min_overlap)
+        product, live, ground = (jnp.sum(field, axis=-1) for field in (sums.live_ground, power, sums.ground_ground))
+        correlation = normalise(product, live, ground, overlap, min_overlap)
         pieces = match_pieces(sums.live_ground, sums.ground_ground, power, template.scan, numbers * overlap)
         information, gradient = normal_equations(sums, pieces, sampled, template, pose)
         away = pose - prior

@@ -36,9 +36,11 @@ def curved_description(*, sweeps: bool = False, scans: int = SCANS) -> DriveDesc
     )
     odometer_s = np.arange(0.0, scans / 100.0 + 0.1, 0.02) - 0.05
     distance_m = 40.0 + np.where(odometer_s < 2.0, 1.5 * odometer_s, 6.0 - 1.5 * odometer_s)
+    made = make_description(channels=CHANNELS, samples=SAMPLES, sweeps=sweeps)
     return replace(
-        make_description(channels=CHANNELS, samples=SAMPLES, sweeps=sweeps),
+        made,
         name="a curved drive",
+        array=made.array._replace(zero_slip_m=1.4),
         t0_utc="2024-05-01T12:00:00.250000Z",
         navigation=navigation,
         odometry=OdometryTrack(odometer_s, distance_m),

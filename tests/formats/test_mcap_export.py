@@ -23,6 +23,7 @@ from lgprjax.formats import (
     read_fixes,
 )
 from lgprjax.frames import LocalFrame
+from lgprjax.radar import ArrayGeometry
 
 
 def _ns(message: SimpleNamespace) -> Any:
@@ -124,7 +125,7 @@ def test_there_and_back(tmp_path: Path, dtype: str) -> None:
             assert now.recording == was.recording
     assert (now.name, now.t0_utc) == (was.name, was.t0_utc)
     assert now.provenance["exported"] == was.provenance
-    for name in ("x_m", "y_m", "time_offset_s", "height_m"):
+    for name in ArrayGeometry._fields:
         np.testing.assert_array_equal(getattr(now.array, name), getattr(was.array, name))
     track, due = now.navigation, was.navigation
     np.testing.assert_array_equal(track.latitude_deg, due.latitude_deg)
