@@ -186,7 +186,8 @@ def poses_from(
     """Poses of the scans, climbed to from their best places."""
     count, channels = heard.shape[:2]
     everywhere = jnp.ones((count, channels), bool)
-    template = Template(heard, jnp.broadcast_to(space.offset_m, (count, channels, 2)), everywhere, everywhere)
+    one_scan = jnp.zeros((count, channels), jnp.int32)
+    template = Template(heard, jnp.broadcast_to(space.offset_m, (count, channels, 2)), everywhere, one_scan)
     place_m = space.at_m[None] + peaks.point[:, 0] * space.step_m
     prior = space.region.prior
     height_m = prior[:, 2] + space.heights_m[peaks.height[:, 0]]
