@@ -18,14 +18,13 @@ from lgprjax.tuning.loop import (
     LoopFit,
     LoopLogs,
     LoopPrior,
-    chassis_of_draws,
     loop_model,
     places_of,
-    servo_of_draws,
 )
 from lgprjax.vehicle import (
     Chassis,
     LookAhead,
+    ProportionalRear,
     RolloutLane,
     RolloutSpec,
     Servo,
@@ -124,7 +123,26 @@ class TunedOnDraws(NamedTuple):
 
 def drawn_vehicles(chassis: Chassis, prior: LoopPrior, draws: Float[Array, "draw number"]) -> DrawnVehicles:
     """Vehicles of drawn numbers, driven by the law of ``chassis``."""
-    return DrawnVehicles(chassis_of_draws(chassis, draws), servo_of_draws(prior, draws), chassis)
+    number = dict(zip(NAMES, draws.T, strict=True))
+    one = jnp.ones(len(draws), jnp.float32)
+    drawn = Chassis(
+        chassis.wheelbase_m * one,
+        chassis.anchor_m * one,
+        ProportionalRear(number["rear_ratio"]),
+        chassis.largest_angle_rad * one,
+        jax.lax.rsqrt(jnp.maximum(number["slip_s2pm2"], 1e-6)),
+    )
+    servo = Servo(
+        number["lag_s"],
+        number["rate_radps"],
+        number["delay_s"],
+        number["dead_band_rad"],
+        prior.backlash_rad * one,
+        number["asymmetry"],
+        one,
+        0.0 * one,
+    )
+    return DrawnVehicles(drawn, servo, chassis)
 
 
 def judge_drawn(
@@ -193,17 +211,29 @@ def _driven(
 
 SETTLED_M = 0.1
 """Amplitude of an oscillation above which a schedule is said not to settle."""
-_PENALTY = 60.0
-"""Cost of a metre of look-ahead that the phase margin lacks, and of one that is left: steep beside what it saves."""
+_PENALTY = 5.0
+"""Cost of leaving e times what may be left: steep beside what it saves. By ratio: by the metre, a slow speed that could
+settle would be given up for a centimetre at a fast one that cannot."""
 _LEFT_SHARE = 0.75
 """Of ``SETTLED_M`` that dead band and play may leave: lag and delay carry the vehicle on by some tenths of it."""
-_EXPONENT, _EXPONENTS = 0.5, np.arange(0.02, 3.0, 0.02)
-"""Of the torque's share: where the tuner begins, and those among which a schedule is lengthened."""
+_EXPONENT = 0.5
+"""Of the torque's share, where the tuner begins."""
 _MORE = 1.0 + 1e-4
 """Single precision does not take a length that suffices for one that does not."""
 _LADDER_M = np.geomspace(0.8, 20.0, 10)
 _LONGEST_M = 100.0
 _SLICE = 512
+
+
+def _of_free(
+    trials: TrialCourses,
+    shares: tuple[float, ...],
+    needed_m: Float[Array, "speed share"],
+    free: tuple[_Shape, Array],
+) -> WeakSchedule:
+    """Long enough whatever the numbers are: the tuner moves along the bound, where a penalty would hold it in place."""
+    schedule = WeakSchedule(schedule_of(free[0]), jax.nn.softplus(free[1]))
+    return lengthened(schedule, needed_m, *(jnp.asarray(v, jnp.float32) for v in (trials.speeds_mps, shares)))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -215,12 +245,10 @@ def _slope(
     free: tuple[_Shape, Array],
 ) -> tuple[Float[Array, ""], tuple[_Shape, Array]]:
     def price(free: tuple[_Shape, Array]) -> Float[Array, ""]:
-        schedule = WeakSchedule(schedule_of(free[0]), jax.nn.softplus(free[1]))
-        torque = jnp.asarray(shares, jnp.float32)
-        judged = judge_drawn(vehicles, trials, schedule, torque)
-        missing = jnp.maximum(needed_m - _lengths(schedule, jnp.asarray(trials.speeds_mps, jnp.float32), torque), 0.0)
-        beyond = jnp.maximum(judged.left_m - _LEFT_SHARE * SETTLED_M, 0.0)
-        return jnp.mean(judged.cost_m) + _PENALTY * (jnp.mean(missing) + jnp.mean(beyond))
+        schedule = _of_free(trials, shares, needed_m, free)
+        judged = judge_drawn(vehicles, trials, schedule, jnp.asarray(shares, jnp.float32))
+        beyond = jnp.log(jnp.maximum(judged.left_m / (_LEFT_SHARE * SETTLED_M), 1.0))
+        return jnp.mean(judged.cost_m) + _PENALTY * jnp.mean(beyond)
 
     return jax.value_and_grad(price)(free)
 
@@ -243,8 +271,8 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
 
     A look-ahead that leaves the phase margin and still settles within ``SETTLED_M`` is preferred to one of less cost:
     a long one is as good in a drive's first seconds and leaves more in the end.
-    Each step of Adam takes other draws; the result is judged on all of them, and lengthened where too few of them have
-    the required phase margin: no more than that, and only at the speeds that want it.
+    Schedules with which too few draws have the required phase margin are lengthened before they are driven: no more
+    than that, and only at the speeds that want it. Each step of Adam takes other draws; the result is judged on all.
 
     Raises:
         ValueError: fewer than two speeds, a delay longer than the trials', or no length leaves the margin.
@@ -264,26 +292,22 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
     middle = np.median(best, axis=0)
     slow, fast = int(np.argmin(speeds)), int(np.argmax(speeds))
     short, long = middle[slow], max(middle[fast], 1.05 * middle[slow])
-    needed = _needed_lengths(vehicles, trials, config)
-    begin = LookAhead(*(jnp.float32(number) for number in (short, long, speeds[slow], speeds[fast])))
-    begin, exponent = _lengthened(WeakSchedule(begin, jnp.float32(_EXPONENT)), needed, speeds, config)
-    more = jnp.maximum(begin.long_m - begin.short_m, 0.05 * begin.short_m)
-    numbers = (begin.short_m, more, begin.slow_mps, begin.fast_mps - begin.slow_mps)
-    free = (_Shape(*(jnp.log(number) for number in numbers)), jnp.log(jnp.expm1(exponent)))
+    needed = jnp.asarray(_needed_lengths(vehicles, trials, config), jnp.float32)
+    numbers = (short, long - short, speeds[slow], speeds[fast] - speeds[slow])
+    free = (_Shape(*(jnp.float32(np.log(number)) for number in numbers)), jnp.float32(np.log(np.expm1(_EXPONENT))))
     optimiser = optax.adam(optax.cosine_decay_schedule(config.rate, config.steps))
     state, history = optimiser.init(free), []
     count = len(best)
     for number in range(config.steps):
         at = (np.arange(config.batch) + number * config.batch) % count
         some = _taken(vehicles, at)
-        value, gradient = _slope(trials, config.shares, some, jnp.asarray(needed, jnp.float32), free)
+        value, gradient = _slope(trials, config.shares, some, needed, free)
         history.append(float(value))
         gradient = jax.tree.map(lambda field: jnp.clip(jnp.nan_to_num(field), -1.0, 1.0), gradient)
         with jax.numpy_dtype_promotion("standard"):
             update, state = optimiser.update(gradient, state)
         free = optax.apply_updates(free, update)
-    schedule = WeakSchedule(schedule_of(free[0]), jax.nn.softplus(free[1]))
-    schedule = _lengthened(schedule, needed, speeds, config)
+    schedule = _of_free(trials, config.shares, needed, free)
     judged = _over_draws(lambda some: _judged(trials, config.shares, some, schedule), vehicles)
     low, high = np.percentile(best, [2.5, 97.5], axis=0)
     return TunedOnDraws(
@@ -352,33 +376,22 @@ def _needed_lengths(
     return np.asarray(needed)
 
 
-def _lengthened(
-    schedule: WeakSchedule, needed_m: Float[np.ndarray, "speed share"], speeds_mps: np.ndarray, config: DrawnTuning
+def lengthened(
+    schedule: WeakSchedule,
+    needed_m: Float[Array, "speed share"],
+    speeds_mps: Float[Array, " speed"],
+    shares: Float[Array, " share"],
 ) -> WeakSchedule:
-    """A schedule that is nowhere too short, and of those the one that differs least from this: over speed or torque.
-
-    Where a speed wants more, the nearer end of the schedule is raised, with whichever exponent changes the lengths
-    least.
-    """
-    shares, held = np.asarray(config.shares), schedule.look_ahead
-    slow, fast = float(held.slow_mps), float(held.fast_mps)
-    ramp = np.clip((speeds_mps - slow) / (fast - slow), 0.0, 1.0)
-    before = np.asarray(_lengths(schedule, *(jnp.asarray(axis, jnp.float32) for axis in (speeds_mps, shares))))
-    found = []
-    for exponent in (float(schedule.exponent), *_EXPONENTS):
-        ends = np.array([float(held.short_m), float(held.long_m)])
-        for place, wanted in zip(ramp, np.max(needed_m * shares**exponent, axis=1), strict=True):
-            reach = np.array([1.0 - place, place])
-            end = int(place > 0.5)
-            ends[end] += max(_MORE * wanted - float(reach @ ends), 0.0) / reach[end]
-        ends[1] = max(ends)
-        after = (ends[0] + (ends[1] - ends[0]) * ramp)[:, None] * shares**-exponent
-        found.append((float(np.mean(np.abs(np.log(after / before)))), exponent, *ends))
-    _, exponent, short, long = min(found)
-    return WeakSchedule(
-        held._replace(short_m=jnp.float32(short), long_m=jnp.float32(long)),
-        jnp.float32(exponent),
-    )
+    """A schedule that is nowhere too short: where a speed wants more, its nearer end is raised. Differentiable."""
+    held = schedule.look_ahead
+    wanted = _MORE * jnp.max(needed_m * shares[None, :] ** schedule.exponent, axis=1)
+    ramp = jnp.clip((speeds_mps - held.slow_mps) / (held.fast_mps - held.slow_mps), 0.0, 1.0)
+    short, long = held.short_m, held.long_m
+    for number in range(len(speeds_mps)):
+        near, far = 1.0 - ramp[number], ramp[number]
+        more = jnp.maximum(wanted[number] - near * short - far * long, 0.0) / jnp.maximum(near, far)
+        short, long = short + jnp.where(near >= far, more, 0.0), long + jnp.where(near >= far, 0.0, more)
+    return schedule._replace(look_ahead=held._replace(short_m=short, long_m=jnp.maximum(short, long)))
 
 
 # Which experiment would narrow the recommended look-ahead most.
