@@ -18,7 +18,9 @@ from lgprjax.studies.tracking import plan_path, tracked
 from lgprjax.tuning import Estimate
 from lgprjax.tuning.loop import (
     NAMES,
+    RATE,
     RATIO,
+    REACHED_SHARE,
     WIDTH,
     LoopFit,
     LoopLogs,
@@ -110,10 +112,8 @@ def study_loop(task: Task) -> Outcome:
     ]
     for drive, share in zip(drives, fit.limit_share, strict=True):
         figures.append(Figure(f"{drive.path.name}: highest share of the servo's rate", float(share), ""))
-    rate = fit.numbers["rate_radps"]
-    before = float(fit.prior.value[NAMES.index("rate_radps")])
     verdict = torque_verdict(fit)
-    notes.append(f"torque of the servo against the vehicle file: {verdict}" + _of_rate(rate, before, verdict))
+    notes.append(f"torque of the servo against the vehicle file: {verdict}" + _of_rate(fit, verdict))
     predicted, against = [], list[Contradiction]()
     for path in task.study.held_out:
         judge = loop_drive(task, path, fixes=False)
@@ -145,10 +145,12 @@ def study_loop(task: Task) -> Outcome:
     return Outcome({**found}, {}, tuple(figures), tuple(notes), LoopStudy(fit, tuple(predicted)), tuple(against))
 
 
-def _of_rate(rate: Estimate, before: float, verdict: str) -> str:
-    if verdict == "not observable":
+def _of_rate(fit: LoopFit, verdict: str) -> str:
+    rate, before = fit.numbers["rate_radps"], float(fit.prior.value[RATE])
+    if float(np.max(fit.limit_share)) < REACHED_SHARE:
         return f" (no drive turns the wheels near their rate: {rate.low:.3g} rad/s or more; file {before:.3g})"
-    return f" ({rate.value:.3g} rad/s, {rate.low:.3g} to {rate.high:.3g}; file {before:.3g})"
+    open_ = ": neither full torque nor 30 % less is excluded" if verdict == "not observable" else ""
+    return f" ({rate.value:.3g} rad/s, {rate.low:.3g} to {rate.high:.3g}; file {before:.3g}{open_})"
 
 
 def fit_of(task: Task, drives: list[LoopDrive], widths: float = 1.0) -> LoopFit:

@@ -2,11 +2,21 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from lgprjax.tuning.loop import PADDING, STEP_S, WIDTH, LoopFit, LoopLogs, LoopPrior, fit_loop
+from lgprjax.tuning.loop import (
+    PADDING,
+    STEP_S,
+    WIDTH,
+    LoopFit,
+    LoopLogs,
+    LoopPrior,
+    fit_loop,
+    torque_verdict,
+)
 
 BASE_M, LAG_S = 2.6, 0.3
-RATIO_BEFORE, SLIP_BEFORE = 0.45, 1.0 / 25.0**2
+RATE_BEFORE, RATIO_BEFORE, SLIP_BEFORE = 0.5, 0.45, 1.0 / 25.0**2
 
 
 def fit_of(
@@ -56,7 +66,7 @@ def fit_of(
         jnp.asarray(used),
         jnp.asarray(np.arange(PADDING) + np.zeros((2, 1)) == 0),
     )
-    before = jnp.asarray([0.15, 0.06, 0.5, 0.002, 0.0, RATIO_BEFORE, SLIP_BEFORE, 0.0, 0.0], jnp.float32)
+    before = jnp.asarray([0.15, 0.06, RATE_BEFORE, 0.002, 0.0, RATIO_BEFORE, SLIP_BEFORE, 0.0, 0.0], jnp.float32)
     return fit_loop(LoopPrior(before, jnp.asarray(WIDTH, jnp.float32), jnp.float32(BASE_M), jnp.float32(0.0)), logs)
 
 
@@ -93,3 +103,25 @@ def test_where_the_servo_begins_is_not_taken_for_its_rate() -> None:
     assert "rate_radps" in fit.told
     assert found.low < 0.4 < found.high
     assert 0.5 * (found.high - found.low) < 0.05 * 0.4
+
+
+def turned_once(most: float, rate_radps: float) -> LoopFit:
+    """A drive with one turn, to the left, and a gentle rest: the mean of the rates to both sides is not known."""
+    command = np.where(np.arange(PADDING) < 60, most, 0.02 * np.sin(0.4 * STEP_S * np.arange(PADDING)))
+    speed = 3.0 + np.sin(0.2 * STEP_S * np.arange(PADDING))
+    return fit_of(np.random.default_rng(6), speed, RATIO_BEFORE, SLIP_BEFORE, command=command, rate_radps=rate_radps)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.93, "full"), (0.75, "weak")])
+def test_torque_is_told_by_the_side_that_was_turned_to(share: float, verdict: str) -> None:
+    assert torque_verdict(turned_once(0.35, share * RATE_BEFORE)) == verdict
+
+
+def test_a_limit_that_is_touched_leaves_every_higher_one_open() -> None:
+    # Lag turns it at 1.03 times the rate as the command comes, and below it from 9 ms on.
+    fit = turned_once(1.03 * LAG_S * RATE_BEFORE, RATE_BEFORE)
+    assert np.max(fit.limit_share) > 0.75
+    assert fit.numbers["rate_radps"].low < RATE_BEFORE
+    assert fit.numbers["rate_radps"].high > 1.5 * RATE_BEFORE
+    assert fit.rate_bounded
+    assert torque_verdict(fit) != "weak"
