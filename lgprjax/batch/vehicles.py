@@ -170,11 +170,11 @@ def array_of_vehicle(
         of_channels(place.channel_y_m, even.y_m, channels, path, "array.channel_y_m"),
         of_channels(place.channel_time_s, even.time_offset_s, channels, path, "array.channel_time_s"),
         place.height_m,
-        zero_slip_of(vehicle),
+        _zero_slip_of(vehicle),
     )
 
 
-def zero_slip_of(vehicle: VehicleFile) -> float:
+def _zero_slip_of(vehicle: VehicleFile) -> float:
     """Distance ahead of the rear axle, in metres, of the point that moves along the body's axis, at small wheel angles.
 
     0 where the rear wheels do not steer, or the file does not say how.
