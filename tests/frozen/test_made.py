@@ -1,23 +1,26 @@
-"""Golden fixes: every scan of a small generated site gets the code and the place that it had.
+"""What the command line makes of a small site: every scan's code and place, and every file's structure, as they were.
 
-Site, map and fixes are made by the command line alone. On one machine two runs agree to the bit; between processors of
-one kind of instructions (``ONE_ARITHMETIC``) they nearly do, and a tolerance is kept for what they do not promise:
-1 mm of place, and codes that differ for 0.2 % of all scans at most, for a scan may lie so near to a threshold that a
-last bit decides. Such a scan's numbers are not compared. A climb keeps the best of a few poses, and a last bit may
-choose another: between two processors 4 of 190 places moved by up to 2 mm, and 11 headings by up to 0.17 degrees.
+Site, map and fixes are made by the command line alone, once for all of these tests: it takes minutes. On one machine
+two runs agree to the bit; between processors of one kind of instructions (``ONE_ARITHMETIC``) they nearly do, and a
+tolerance is kept for what they do not promise: 1 mm of place, and codes that differ for 0.2 % of all scans at most, for
+a scan may lie so near to a threshold that a last bit decides. Such a scan's numbers are not compared. A climb keeps the
+best of a few poses, and a last bit may choose another: between two processors 4 of 190 places moved by up to 2 mm, and
+11 headings by up to 0.17 degrees.
 """
 
 import platform
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from frozen.harness import DATA
-from frozen.made import LOCATED, fixes_of
+from frozen.harness import DATA, read_json
+from frozen.made import LOCATED, fixes_of, make_all
+from frozen.structure import FILES, messages_of, schema_digests, structure_of
 
-pytestmark = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="fixes are frozen for x86-64")
+on_x86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="fixes are frozen for x86-64")
 _DEGREE_M = 111_320.0
 _WITHIN = {
     **{"height_m": 2e-3, "heading_deg": 0.01, "sigma_along_m": 1e-3, "sigma_cross_m": 1e-3, "correlation": 1e-3},
@@ -25,6 +28,14 @@ _WITHIN = {
 }
 _OTHERS, _FARTHEST = 0.1, 20.0
 """Share of the fixes that another processor may move by more than that, and by how many times it."""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with everything in it."""
+    folder = tmp_path_factory.mktemp("frozen")
+    make_all(folder)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +50,7 @@ def found(made: Path) -> pd.DataFrame:
     return fixes_of(made)
 
 
+@on_x86
 def test_every_scan_has_its_code(found: pd.DataFrame, held: pd.DataFrame) -> None:
     assert len(found) == len(held)
     assert (found["of"] == held["of"]).all()
@@ -47,6 +59,7 @@ def test_every_scan_has_its_code(found: pd.DataFrame, held: pd.DataFrame) -> Non
     assert other.mean() <= 0.002, found[other].join(held["code"].rename("held"))
 
 
+@on_x86
 @pytest.mark.parametrize("which", LOCATED)
 def test_places_are_where_they_were(which: str, found: pd.DataFrame, held: pd.DataFrame) -> None:
     same = (held["of"] == which) & (found["code"] == held["code"])
@@ -67,3 +80,17 @@ def test_places_are_where_they_were(which: str, found: pd.DataFrame, held: pd.Da
         assert (off[ok] <= _FARTHEST * within).all(), told
     # A place that is not ok is one of several that match alike.
     assert (off_m[placed & ~ok] > 1e-3).mean() <= _OTHERS or (ok | ~placed).all()
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_a_file_is_built_as_it_was(kind: str, made: Path) -> None:
+    structures: dict[str, Any] = read_json("formats.json")
+    assert structure_of(made / FILES[kind]) == structures[kind]
+
+
+def test_messages_are_of_the_same_types(made: Path) -> None:
+    assert messages_of(made / "live.mcap") == read_json("messages.json")
+
+
+def test_the_schema_is_the_same() -> None:
+    assert schema_digests() == read_json("schemas.json")
