@@ -24,7 +24,8 @@ from lgprjax.studies.logs import Task
 from lgprjax.studies.look_ahead import LoggedLookAheadStudy
 from lgprjax.studies.steering import FinishedStudy, run_study
 from lgprjax.tuning.logged_look_ahead import DrawnVehicles, drawn_vehicles, judge_drawn
-from lgprjax.tuning.loop import LoopLogs, draw_loops, fit_loop
+from lgprjax.tuning.loop import LoopLogs, draw_loops
+from lgprjax.tuning.loop_fit import fit_loop
 from lgprjax.vehicle import ProportionalRear, look_ahead_m, stretched_look_ahead
 
 _AT_ONCE = 512

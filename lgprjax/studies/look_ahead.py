@@ -32,7 +32,8 @@ from lgprjax.tuning.look_ahead import (
     sweep_look_ahead,
     tune_look_ahead,
 )
-from lgprjax.tuning.loop import LoopFit, draw_loops
+from lgprjax.tuning.loop import draw_loops
+from lgprjax.tuning.loop_fit import LoopFit
 from lgprjax.vehicle import arc_course, clothoid_course, line_course, look_ahead_m
 
 _Speed = Annotated[float, Field(ge=0.2, le=20.0)]

@@ -16,19 +16,8 @@ from lgprjax.studies.logs import Figure, Outcome, Task, fitting, options_of, rms
 from lgprjax.studies.needs import Contradiction, judged_residual
 from lgprjax.studies.tracking import plan_path, tracked
 from lgprjax.tuning import Estimate
-from lgprjax.tuning.loop import (
-    NAMES,
-    RATE,
-    RATIO,
-    REACHED_SHARE,
-    WIDTH,
-    LoopFit,
-    LoopLogs,
-    LoopPrior,
-    fit_loop,
-    residual_scale,
-    torque_verdict,
-)
+from lgprjax.tuning.loop import NAMES, RATE, RATIO, REACHED_SHARE, WIDTH, LoopLogs, LoopPrior, residual_scale
+from lgprjax.tuning.loop_fit import LoopFit, fit_loop, torque_verdict
 from lgprjax.vehicle import (
     Chassis,
     LookAhead,

@@ -12,15 +12,8 @@ import optax
 from jaxtyping import Array, Float
 
 from lgprjax.tuning.look_ahead import TrialCourses, _Shape, schedule_of
-from lgprjax.tuning.loop import (
-    NAMES,
-    STEP_S,
-    LoopFit,
-    LoopLogs,
-    LoopPrior,
-    loop_model,
-    places_of,
-)
+from lgprjax.tuning.loop import NAMES, STEP_S, LoopLogs, LoopPrior, loop_model, places_of
+from lgprjax.tuning.loop_fit import LoopFit
 from lgprjax.vehicle import (
     Chassis,
     LookAhead,

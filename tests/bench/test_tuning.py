@@ -20,7 +20,8 @@ from lgprjax.batch.vehicles import chassis_of
 from lgprjax.formats import read_vehicle
 from lgprjax.tuning.logged_look_ahead import WeakSchedule, drawn_vehicles, judge_drawn
 from lgprjax.tuning.look_ahead import TrialCourses
-from lgprjax.tuning.loop import NAMES, WIDTH, LoopLogs, LoopPrior, fit_loop, loop_model, places_of
+from lgprjax.tuning.loop import NAMES, WIDTH, LoopLogs, LoopPrior, loop_model, places_of
+from lgprjax.tuning.loop_fit import fit_loop
 from lgprjax.vehicle import LookAhead, ProportionalRear, arc_course, line_course
 
 TINY = TuningPlan(logs=2, draws=32, steps=2, repeats=1, single=2, threads=1, limit_s=900.0)

@@ -28,21 +28,8 @@ from hidden_vehicles import (
 )
 from lgprjax.tuning.logged_look_ahead import DrawnTuning, drawn_vehicles, judge_drawn, tune_on_draws
 from lgprjax.tuning.look_ahead import TrialCourses
-from lgprjax.tuning.loop import (
-    NAMES,
-    ODOMETER_SHARE,
-    PADDING,
-    STEP_S,
-    WIDTH,
-    LoopFit,
-    LoopLogs,
-    LoopPrior,
-    draw_loops,
-    fit_loop,
-    identify,
-    summarise,
-    torque_verdict,
-)
+from lgprjax.tuning.loop import NAMES, ODOMETER_SHARE, PADDING, STEP_S, WIDTH, LoopLogs, LoopPrior, draw_loops, identify
+from lgprjax.tuning.loop_fit import LoopFit, fit_loop, summarise, torque_verdict
 from lgprjax.vehicle import (
     Chassis,
     LookAhead,
@@ -140,10 +127,11 @@ def prior_of(number: int, backlash_rad: float = 0.0035) -> LoopPrior:
     return LoopPrior(single(held), single(WIDTH), single(true.wheelbase_m[number]), single(backlash_rad))
 
 
-def true_numbers(number: int) -> np.ndarray:
+def true_numbers(number: int, law: str = "") -> np.ndarray:
+    """In the order of ``NAMES``; ``law``: of the noise, if it is not the vehicle's own."""
     true, _, laws = world()
     # The plant turns wheels and body in one step, of whose beginning it logs the wheels.
-    late = (true.late_s[number] if laws[number] == "skewed" else 0.0) - 0.5 * PLANT_S
+    late = (true.late_s[number] if (law or laws[number]) == "skewed" else 0.0) - 0.5 * PLANT_S
     fields = (true.lag_s, true.delay_s, true.rate_radps, true.dead_band_rad, true.asymmetry, true.ratio)
     return np.array([*(field[number] for field in fields), true.v_char_mps[number] ** -2.0, 0.0, late])
 
@@ -315,19 +303,15 @@ _AXES: Any = (LoopPrior(0, None, None, None), LoopLogs._make([None, None, 0, 0, 
 identify_many = jax.jit(jax.vmap(identify, in_axes=_AXES))
 
 
-def coverage(number: int, law: str, draws: int, seed: int) -> dict[str, float]:
-    """Share of draws whose 95 % intervals hold the truth: of noise, of the odometer's scale, and of the vehicle file.
-
-    An interval is made of file and drives together. With one file for all draws it would measure how wrong that file
-    happens to be.
-    """
+def quiet_drives(number: int, seed: int) -> Driven:
+    """Three drives of a vehicle on courses of their own, as sensors without noise would log them."""
     true, told, _ = world()
     drives = DRIVES - 1
     lanes, speed = np.full(drives, number), SPEEDS[:drives]
     least_m = np.maximum(9.0, 0.35 * speed**2 + 6.0)
-    course = lay_courses([draw_course(77 + i, length_m=400.0, least_radius_m=r) for i, r in enumerate(least_m)])
+    course = lay_courses([draw_course(seed + i, length_m=400.0, least_radius_m=r) for i, r in enumerate(least_m)])
     time_s = PLANT_S * np.arange(int(SECONDS / PLANT_S))[:, None]
-    run = drive(
+    return drive(
         true.take(lanes),
         told.take(lanes),
         course,
@@ -339,17 +323,28 @@ def coverage(number: int, law: str, draws: int, seed: int) -> dict[str, float]:
         seed=9,
         quiet=True,
     )
-    base = loop_logs(run, list(range(drives)))
-    prior = prior_of(number, float(true.backlash_rad[number]))
-    random, count = np.random.default_rng(seed), len(run.time_s)
-    held = dict.fromkeys(NAMES, 0)
-    turning = np.asarray(base.yaw_rate_radps, np.float64)
-    if law == "skewed":
-        # The gyro's clock, as in a drive.
-        at_s = STEP_S * np.arange(turning.shape[1])
-        late_s = at_s * (1.0 + true.drift[number]) - true.late_s[number]
-        turning = np.stack([np.interp(late_s, at_s, one) for one in turning])
-    for _ in range(0, draws, DRAWN):
+
+
+def coverage(law: str, draws: int, seed: int) -> dict[str, float]:
+    """Share of draws whose 95 % intervals hold the truth: of vehicle and courses, noise, odometer's scale, and file.
+
+    An interval is made of file and drives together. With one file for all draws it would measure how wrong that file
+    happens to be, and with one course how a quantiser's steps happen to fall on it.
+    """
+    true, _, _ = world()
+    random, held = np.random.default_rng(seed), dict.fromkeys(NAMES, 0)
+    for batch in range(draws // DRAWN):
+        number = batch % COUNT
+        run = quiet_drives(number, 100_000 + 10 * (draws // DRAWN * seed + batch))
+        drives, count = DRIVES - 1, len(run.time_s)
+        base = loop_logs(run, list(range(drives)))
+        prior = prior_of(number, float(true.backlash_rad[number]))
+        turning = np.asarray(base.yaw_rate_radps, np.float64)
+        if law == "skewed":
+            # The gyro's clock, as in a drive.
+            at_s = STEP_S * np.arange(turning.shape[1])
+            late_s = at_s * (1.0 + true.drift[number]) - true.late_s[number]
+            turning = np.stack([np.interp(late_s, at_s, one) for one in turning])
         noise = np.zeros((2, DRAWN, drives, base.front_rad.shape[1]))
         for lane, own in np.ndindex(DRAWN, drives):
             for output, sigma in enumerate((true.front_sigma_rad[number], true.yaw_rate_sigma[number])):
@@ -363,12 +358,13 @@ def coverage(number: int, law: str, draws: int, seed: int) -> dict[str, float]:
         )
         files = prior._replace(value=single(drawn_files(number, random, DRAWN)))
         found = identify_many(files, many)
+        truth = true_numbers(number, law)
         for lane in range(DRAWN):
             own_file = prior._replace(value=files.value[lane])
             fit = summarise(own_file, jax.tree.map(lambda leaf, lane=lane: leaf[lane], found))
-            for name, value in zip(NAMES, true_numbers(number), strict=True):
+            for name, value in zip(NAMES, truth, strict=True):
                 held[name] += fit.numbers[name].low <= value <= fit.numbers[name].high
-    return {name: held[name] / (len(range(0, draws, DRAWN)) * DRAWN) for name in NAMES}
+    return {name: held[name] / (draws // DRAWN * DRAWN) for name in NAMES}
 
 
 def test_a_few_hidden_vehicles_are_found_and_predicted() -> None:
@@ -390,7 +386,7 @@ def test_twenty_look_aheads() -> None:
     ("law", "draws", "low", "high"), [("white", 2000, 0.93, 0.97), *((law, 500, 0.9, 1.0) for law in LAWS)]
 )
 def test_intervals_cover(law: str, draws: int, low: float, high: float) -> None:
-    shares = coverage(10, law, draws, 17)
+    shares = coverage(law, draws, 17)
     print(law, shares)
     for name in ("lag_s", "delay_s", "rate_radps", "rear_ratio", "slip_s2pm2"):
         assert low <= shares[name] <= high, name

@@ -4,16 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.tuning.loop import (
-    PADDING,
-    STEP_S,
-    WIDTH,
-    LoopFit,
-    LoopLogs,
-    LoopPrior,
-    fit_loop,
-    torque_verdict,
-)
+from lgprjax.tuning.loop import NAMES, PADDING, RATE, STEP_S, WIDTH, LoopLogs, LoopPosterior, LoopPrior
+from lgprjax.tuning.loop_fit import LoopFit, fit_loop, summarise, torque_verdict
 
 BASE_M, LAG_S = 2.6, 0.3
 RATE_BEFORE, RATIO_BEFORE, SLIP_BEFORE = 0.5, 0.45, 1.0 / 25.0**2
@@ -125,3 +117,23 @@ def test_a_limit_that_is_touched_leaves_every_higher_one_open() -> None:
     assert fit.numbers["rate_radps"].high > 1.5 * RATE_BEFORE
     assert fit.rate_bounded
     assert torque_verdict(fit) != "weak"
+
+
+def test_the_interval_of_a_normal_rate_is_that_of_the_normal_distribution() -> None:
+    """The grid is coarse: its steps must not widen what it stands for."""
+    middle, sigma = 0.2, 0.05
+    node = middle + sigma * np.concatenate([np.linspace(-4.0, 4.0, 13), np.geomspace(6.0, 30.0, 4)])
+    weight = np.gradient(node) * np.exp(-0.5 * ((node - middle) / sigma) ** 2)
+    place = np.zeros((len(node), len(NAMES)))
+    place[:, RATE] = node
+    drives, none = np.zeros((2, 2)), np.zeros((len(node), len(NAMES), len(NAMES)))
+    posterior = LoopPosterior(
+        *(jnp.asarray(part, jnp.float32) for part in (place, weight / weight.sum(), none, drives, np.ones(len(NAMES)))),
+        jnp.float32(1e4),
+        jnp.ones(2),
+        jnp.float32(0.0),
+    )
+    prior = LoopPrior(jnp.ones(len(NAMES)), jnp.asarray(WIDTH, jnp.float32), jnp.float32(3.0), jnp.float32(0.0))
+    found = summarise(prior, posterior).numbers["rate_radps"]
+    bounds = np.log([found.low, found.high]) / WIDTH[RATE]
+    np.testing.assert_allclose(bounds, middle + 1.96 * sigma * np.array([-1.0, 1.0]), atol=0.02 * sigma)
