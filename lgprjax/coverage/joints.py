@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from lgprjax.coverage.field import Outline, Tool
 from lgprjax.coverage.ground import SafeGround, swept_of_turn
-from lgprjax.coverage.turns import HeadlandTurn, Pieces, Pose, poses_along
+from lgprjax.coverage.turns import HeadlandTurn, Pieces, Pose, chords, forward_words, poses_along, whole_turn
 
 _EDGE_M = 0.05
 _STEP_M = 0.2
@@ -41,9 +41,6 @@ REVERSE = 1.3
 _OFF_M = 1e-6
 _UNWORKED = 4.0
 """Cost of a metre over ground not yet worked, where the vehicle lines up with its swath."""
-
-
-_HANDS = np.array([(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)], float)
 
 
 class Terrain:
@@ -396,7 +393,7 @@ def sample(
     ways, count = lengths.shape
     first_x, first_y, first_yaw = np.broadcast_to(start, (ways, 3)).T[..., None]
     turned = np.cumsum(np.concatenate([first_yaw, lengths * bends], axis=1), axis=1)
-    x, y = _chords(turned[:, :-1], lengths, bends)
+    x, y = chords(turned[:, :-1], lengths, bends)
     knots_x = np.cumsum(np.concatenate([first_x, x], axis=1), axis=1)
     knots_y = np.cumsum(np.concatenate([first_y, y], axis=1), axis=1)
     begins = np.cumsum(np.concatenate([np.zeros((ways, 1)), np.abs(lengths)], axis=1), axis=1)
@@ -404,14 +401,8 @@ def sample(
     row = np.arange(ways)[:, None]
     within = (arc_m - begins[row, number]) * np.where(lengths[row, number] < 0.0, -1.0, 1.0)
     bend, yaw = bends[row, number], turned[row, number]
-    x, y = _chords(yaw, within, bend)
+    x, y = chords(yaw, within, bend)
     return np.stack([knots_x[row, number] + x, knots_y[row, number] + y, yaw + within * bend], axis=-1)
-
-
-def _chords(yaw: np.ndarray, length: np.ndarray, bend: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    half = 0.5 * length * bend
-    chord = length * np.sinc(half / np.pi)
-    return chord * np.cos(yaw + half), chord * np.sin(yaw + half)
 
 
 def _words(
@@ -425,48 +416,6 @@ def _words(
     forward, reverse = np.split(both, 2)
     cusped, more = _three_arcs(starts, ends, radius_m)
     return np.concatenate([forward, -reverse, cusped], axis=1), np.concatenate([hands, -hands, more])
-
-
-def forward_words(
-    starts: Float[np.ndarray, "way 3"],
-    ends: Float[np.ndarray, "way 3"],
-    radius_m: Float[np.ndarray, " way"] | float,
-    *,
-    straight: bool = False,
-) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
-    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN where there is none, and each one's hands.
-
-    Args:
-        starts, ends: x_m, y_m, yaw_rad.
-        radius_m: of the arcs, of each way or of all.
-        straight: only the four with a straight piece: the middle of three arcs is at least half a turn.
-    """
-    east, north = (ends - starts)[:, :2].T
-    far, toward = np.hypot(east, north) / radius_m, np.arctan2(north, east)
-    a, b = starts[:, 2] - toward, ends[:, 2] - toward
-    sa, sb, ca, cb, cab = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
-    same, opposite = 2.0 + far**2 - 2.0 * cab, far**2 - 2.0 + 2.0 * cab
-    less, more = 2.0 * far * (sa - sb), 2.0 * far * (sa + sb)
-    one, two = np.arctan2(cb - ca, far + sa - sb), np.arctan2(ca - cb, far - sa + sb)
-    words = np.empty((len(starts), 4 if straight else 6, 3))
-    with np.errstate(invalid="ignore"):
-        words[:, 0, 1], words[:, 1, 1] = np.sqrt(same + less), np.sqrt(same - less)
-        lsr, rsl = np.sqrt(opposite + more), np.sqrt(opposite - more)
-        words[:, 2, 1], words[:, 3, 1] = lsr, rsl
-        three = np.arctan2(-ca - cb, far + sa + sb) - np.arctan2(-2.0, lsr)
-        four = np.arctan2(ca + cb, far - sa - sb) - np.arctan2(2.0, rsl)
-        for number, (first, last) in enumerate(
-            ((one - a, b - one), (a - two, two - b), (three - a, three - b), (a - four, b - four))
-        ):
-            words[:, number, 0], words[:, number, 2] = _turn(first), _turn(last)
-        if not straight:
-            rlr = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab + less) / 8.0)
-            lrl = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab - less) / 8.0)
-            five, six = _turn(a - two + 0.5 * rlr), _turn(-a + one + 0.5 * lrl)
-            words[:, 4, 0], words[:, 4, 1], words[:, 4, 2] = five, rlr, _turn(a - b - five + rlr)
-            words[:, 5, 0], words[:, 5, 1], words[:, 5, 2] = six, lrl, _turn(b - a - six + lrl)
-    words *= np.reshape(radius_m, (-1, 1, 1))
-    return words, _HANDS[: words.shape[1]]
 
 
 def _three_arcs(
@@ -485,17 +434,12 @@ def _three_arcs(
             with np.errstate(invalid="ignore"):
                 rise = np.arccos(np.hypot(xi, eta) / 4.0)
             first = _half_turn(rise + np.arctan2(eta, xi) + 0.5 * np.pi)
-            second = _turn(np.pi - 2.0 * rise)
+            second = whole_turn(np.pi - 2.0 * rise)
             third = _half_turn(yaw - first - second)
             words[:, len(hands)] = np.stack([gear * first, -gear * second, gear * third], axis=1)
             hands.append((hand, -hand, hand))
     words *= np.reshape(radius_m, (-1, 1, 1))
     return words, np.array(hands)
-
-
-def _turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
-    turned = angle - 2.0 * np.pi * np.floor(angle * (0.5 / np.pi))
-    return np.where(turned > 2.0 * np.pi - 1e-9, 0.0, turned)
 
 
 def _half_turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:

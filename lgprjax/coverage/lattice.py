@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import sparse
 
-from lgprjax.coverage.joints import REVERSE, WIDE_RADII, Joint, Terrain, clear_ways, forward_words, joined, sample
-from lgprjax.coverage.turns import Pieces
+from lgprjax.coverage.joints import REVERSE, WIDE_RADII, Joint, Terrain, clear_ways, joined, sample
+from lgprjax.coverage.turns import Pieces, forward_words
 
 _HEADINGS = 16
 _MOST_TURNED = 2

@@ -6,7 +6,6 @@ Between lines closer than the circle is wide it is a bulb of three arcs.
 """
 
 import math
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,9 @@ A negative length is driven in reverse: the yaw changes by length times curvatur
 """
 _NO_TURN_RAD = 1e-9
 _NO_WAY = 1e-9
+_NO_SQUARE = 1e-12
+_HANDS = np.array([(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)], float)
+"""To which hand the pieces of Dubins' words bend."""
 
 
 class Pose(NamedTuple):
@@ -66,7 +68,7 @@ def poses_along(start: Pose, pieces: Pieces, arc_m: Float[np.ndarray, " point"])
     """Poses (x_m, y_m, yaw_rad) at arc lengths along pieces, straight on beyond both ends; the yaw is not wrapped."""
     length, curvature = pieces.T
     yaw = start.yaw_rad + np.concatenate([[0.0], np.cumsum(length * curvature)])
-    x, y = _chord(yaw[:-1], length, curvature)
+    x, y = chords(yaw[:-1], length, curvature)
     knots = np.stack(
         [start.x_m + np.concatenate([[0.0], np.cumsum(x)]), start.y_m + np.concatenate([[0.0], np.cumsum(y)]), yaw],
         axis=1,
@@ -76,7 +78,7 @@ def poses_along(start: Pose, pieces: Pieces, arc_m: Float[np.ndarray, " point"])
     ahead = np.where(length < 0.0, -1.0, 1.0)
     within = (arc_m - begins_m[number]) * np.append(ahead, ahead[-1:])[number]
     bend = np.where(arc_m < 0.0, 0.0, np.append(curvature, 0.0)[number])
-    x, y = _chord(knots[number, 2], within, bend)
+    x, y = chords(knots[number, 2], within, bend)
     return np.asarray(knots[number] + np.stack([x, y, within * bend], axis=1))
 
 
@@ -113,71 +115,74 @@ def dubins_ways(start: Pose, end: Pose, radius_m: float) -> list[Pieces]:
         start, end: poses.
         radius_m: of every arc.
     """
-    ways = []
-    for first, last in product((1.0, -1.0), repeat=2):
-        centre, goal = _centre(start, first * radius_m), _centre(end, last * radius_m)
-        apart = goal - centre
-        way_m = float(np.hypot(*apart))
-        if first == last:
-            # On one circle there is no straight, and rounding must not choose its heading.
-            yaw = math.atan2(apart[1], apart[0]) if way_m > _NO_WAY * radius_m else start.yaw_rad
-            ways.append(_arcs_and_straight(start, end, radius_m, first, last, yaw, way_m))
-        elif way_m >= 2.0 * radius_m:
-            straight_m = math.sqrt(way_m**2 - 4.0 * radius_m**2)
-            yaw = math.atan2(apart[1], apart[0]) + math.atan2(2.0 * first * radius_m, straight_m)
-            ways.append(_arcs_and_straight(start, end, radius_m, first, last, yaw, straight_m))
-        if first == last and _NO_WAY * radius_m < way_m <= 4.0 * radius_m:
-            rise_m = math.sqrt(4.0 * radius_m**2 - way_m**2 / 4.0)
-            for side in (1.0, -1.0):
-                middle = centre + 0.5 * apart + side * rise_m / way_m * np.array([-apart[1], apart[0]])
-                ways.append(_three_arcs(start, end, radius_m, first, middle - centre, middle - goal))
+    words, hands = forward_words(np.array([start]), np.array([end]), radius_m)
+    ways = [
+        np.stack([word, hand / radius_m], axis=1)
+        for word, hand in zip(words[0], hands, strict=True)
+        if np.isfinite(word).all()
+    ]
     return sorted(ways, key=lambda way: float(way[:, 0].sum()))
 
 
-def _arcs_and_straight(
-    start: Pose, end: Pose, radius_m: float, first: float, last: float, yaw_rad: float, straight_m: float
-) -> Pieces:
-    begin = _positive(first * (yaw_rad - start.yaw_rad))
-    finish = _positive(last * (end.yaw_rad - yaw_rad))
-    return np.array([[begin * radius_m, first / radius_m], [straight_m, 0.0], [finish * radius_m, last / radius_m]])
+def forward_words(
+    starts: Float[np.ndarray, "way 3"],
+    ends: Float[np.ndarray, "way 3"],
+    radius_m: Float[np.ndarray, " way"] | float,
+    *,
+    straight: bool = False,
+) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
+    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN where there is none, and each one's hands.
+
+    Args:
+        starts, ends: x_m, y_m, yaw_rad.
+        radius_m: of the arcs, of each way or of all.
+        straight: only the four with a straight piece: the middle of three arcs is at least half a turn.
+    """
+    east, north = (ends - starts)[:, :2].T
+    far, toward = np.hypot(east, north) / radius_m, np.arctan2(north, east)
+    a, b = starts[:, 2] - toward, ends[:, 2] - toward
+    sa, sb, ca, cb, cab = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
+    same, opposite = 2.0 + far**2 - 2.0 * cab, far**2 - 2.0 + 2.0 * cab
+    less, more = 2.0 * far * (sa - sb), 2.0 * far * (sa + sb)
+    words = np.empty((len(starts), 4 if straight else 6, 3))
+    with np.errstate(invalid="ignore"):
+        lsl, rsr, lsr, rsl = (
+            np.sqrt(np.where(np.abs(square) < _NO_SQUARE * (1.0 + far**2), 0.0, square))
+            for square in (same + less, same - less, opposite + more, opposite - more)
+        )
+        words[:, 0, 1], words[:, 1, 1] = lsl, rsr
+        # On one circle there is no straight, and rounding must not choose its heading.
+        one = np.where(lsl > 0.0, np.arctan2(cb - ca, far + sa - sb), a)
+        two = np.where(rsr > 0.0, np.arctan2(ca - cb, far - sa + sb), a)
+        words[:, 2, 1], words[:, 3, 1] = lsr, rsl
+        three = np.arctan2(-ca - cb, far + sa + sb) - np.arctan2(-2.0, lsr)
+        four = np.arctan2(ca + cb, far - sa - sb) - np.arctan2(2.0, rsl)
+        for number, (first, last) in enumerate(
+            ((one - a, b - one), (a - two, two - b), (three - a, three - b), (a - four, b - four))
+        ):
+            words[:, number, 0], words[:, number, 2] = whole_turn(first), whole_turn(last)
+        if not straight:
+            rlr = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab + less) / 8.0)
+            lrl = 2.0 * np.pi - np.arccos((6.0 - far**2 + 2.0 * cab - less) / 8.0)
+            five, six = whole_turn(a - two + 0.5 * rlr), whole_turn(-a + one + 0.5 * lrl)
+            words[:, 4, 0], words[:, 4, 1], words[:, 4, 2] = five, rlr, whole_turn(a - b - five + rlr)
+            words[:, 5, 0], words[:, 5, 1], words[:, 5, 2] = six, lrl, whole_turn(b - a - six + lrl)
+    words *= np.reshape(radius_m, (-1, 1, 1))
+    return words, _HANDS[: words.shape[1]]
 
 
-def _three_arcs(
-    start: Pose,
-    end: Pose,
-    radius_m: float,
-    hand: float,
-    from_first: Float[np.ndarray, "2"],
-    from_last: Float[np.ndarray, "2"],
-) -> Pieces:
-    """Arcs of one hand, of the other, and of the first again; circles touch where the headings of both agree."""
-    one, two = (math.atan2(hand * away[0], -hand * away[1]) for away in (from_first, from_last))
-    turns = (
-        _positive(hand * (one - start.yaw_rad)),
-        _positive(hand * (one - two)),
-        _positive(hand * (end.yaw_rad - two)),
-    )
-    hands = (hand, -hand, hand)
-    return np.array([[turn * radius_m, each / radius_m] for turn, each in zip(turns, hands, strict=True)])
-
-
-def _centre(pose: Pose, radius_m: float) -> Float[np.ndarray, "2"]:
-    """Centre of the circle to the left of a pose, to the right where the radius is negative."""
-    return np.array([pose.x_m - radius_m * math.sin(pose.yaw_rad), pose.y_m + radius_m * math.cos(pose.yaw_rad)])
-
-
-def _positive(turn_rad: float) -> float:
+def whole_turn(angle: Float[np.ndarray, " way"]) -> Float[np.ndarray, " way"]:
     """The same turn from 0 to below a whole one; what rounding makes of none is none."""
-    turned = math.fmod(turn_rad, 2.0 * math.pi)
-    turned += 2.0 * math.pi if turned < 0.0 else 0.0
-    return 0.0 if turned > 2.0 * math.pi - _NO_TURN_RAD else turned
+    turned = angle - 2.0 * np.pi * np.floor(angle * (0.5 / np.pi))
+    return np.where(turned > 2.0 * np.pi - _NO_TURN_RAD, 0.0, turned)
 
 
-def _chord(
-    yaw_rad: Float[np.ndarray, " piece"],
-    length_m: Float[np.ndarray, " piece"],
-    curvature_radpm: Float[np.ndarray, " piece"],
-) -> tuple[Float[np.ndarray, " piece"], Float[np.ndarray, " piece"]]:
+def chords(
+    yaw_rad: Float[np.ndarray, "*way piece"],
+    length_m: Float[np.ndarray, "*way piece"],
+    curvature_radpm: Float[np.ndarray, "*way piece"],
+) -> tuple[Float[np.ndarray, "*way piece"], Float[np.ndarray, "*way piece"]]:
+    """East and north of each piece's chord."""
     half = 0.5 * length_m * curvature_radpm
     chord_m = length_m * np.sinc(half / np.pi)
     return chord_m * np.cos(yaw_rad + half), chord_m * np.sin(yaw_rad + half)
