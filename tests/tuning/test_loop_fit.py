@@ -126,12 +126,15 @@ def test_the_interval_of_a_normal_rate_is_that_of_the_normal_distribution() -> N
     weight = np.gradient(node) * np.exp(-0.5 * ((node - middle) / sigma) ** 2)
     place = np.zeros((len(node), len(NAMES)))
     place[:, RATE] = node
-    drives, none = np.zeros((2, 2)), np.zeros((len(node), len(NAMES), len(NAMES)))
     posterior = LoopPosterior(
-        *(jnp.asarray(part, jnp.float32) for part in (place, weight / weight.sum(), none, drives, np.ones(len(NAMES)))),
-        jnp.float32(1e4),
-        jnp.ones(2),
-        jnp.float32(0.0),
+        place=jnp.asarray(place, jnp.float32),
+        weight=jnp.asarray(weight / weight.sum(), jnp.float32),
+        root=jnp.zeros((len(node), len(NAMES), len(NAMES))),
+        scale=jnp.ones((2, 2)),
+        memory=jnp.ones(len(NAMES)),
+        blocks=jnp.float32(1e4),
+        limit_share=jnp.ones(2),
+        left=jnp.float32(0.0),
     )
     prior = LoopPrior(jnp.ones(len(NAMES)), jnp.asarray(WIDTH, jnp.float32), jnp.float32(3.0), jnp.float32(0.0))
     found = summarise(prior, posterior).numbers["rate_radps"]
