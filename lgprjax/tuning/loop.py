@@ -28,7 +28,8 @@ NAMES = (
     *("rear_ratio", "slip_s2pm2", "zero_rad", "gyro_late_s"),
 )
 """What is fitted; ``slip_s2pm2`` is 1 / V_CHAR², the last two belong to the sensors."""
-_DELAY, RATE, ASYMMETRY, RATIO = (NAMES.index(name) for name in ("delay_s", "rate_radps", "asymmetry", "rear_ratio"))
+_DELAY, RATE, ASYMMETRY = (NAMES.index(name) for name in ("delay_s", "rate_radps", "asymmetry"))
+RATIO, SLIP = (NAMES.index(name) for name in ("rear_ratio", "slip_s2pm2"))
 _ALL = np.arange(len(NAMES))
 _CHASSIS = np.arange(RATIO, NAMES.index("zero_rad") + 1)
 BY_FACTOR = np.array([name in ("lag_s", "rate_radps") for name in NAMES])
@@ -61,7 +62,7 @@ _SPAN, _PRIOR_SPAN = 4.0, 3.0
 REACHED_SHARE = 0.7
 """Of the largest rate: drives that turn the wheels no faster only bound it from below."""
 ODOMETER_SHARE = 0.005
-"""Standard deviation of the odometer's scale, which curvature, and so the rear ratio, cannot be told from."""
+"""Standard deviation of the odometer's scale, which neither curvature, and so the rear ratio, nor slip is told from."""
 
 
 class LoopPrior(NamedTuple):
@@ -481,5 +482,6 @@ def draw_loops(
     values = values_of(prior, place)
     scale = ODOMETER_SHARE * jax.random.normal(jax.random.fold_in(third, 1), (count,))
     values = values.at[:, RATIO].add(scale * (1.0 + values[:, RATIO]))
+    values = values.at[:, SLIP].multiply((1.0 + scale) ** 2)
     least = jnp.asarray([[1e-3, 0.0, 1e-3, 0.0, -0.5, 0.0, 0.0, -1.0, -1.0]], jnp.float32)
     return jnp.maximum(values, least)

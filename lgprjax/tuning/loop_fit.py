@@ -13,6 +13,7 @@ from lgprjax.tuning.loop import (
     ODOMETER_SHARE,
     RATE,
     RATIO,
+    SLIP,
     STEP_S,
     LoopLogs,
     LoopPosterior,
@@ -78,7 +79,9 @@ def summarise(prior: LoopPrior, posterior: LoopPosterior) -> LoopFit:
     t95 = student_95(max(float(posterior.blocks) - len(NAMES), 3.0))
     mean = weight @ place
     variance = weight @ (np.einsum("rpq,rpq->rp", root, root) + (place - mean) ** 2)
-    variance[RATIO] += (ODOMETER_SHARE * (1.0 + value[RATIO] + width[RATIO] * mean[RATIO]) / width[RATIO]) ** 2
+    found = value + width * mean
+    variance[RATIO] += (ODOMETER_SHARE * (1.0 + found[RATIO]) / width[RATIO]) ** 2
+    variance[SLIP] += (2.0 * ODOMETER_SHARE * found[SLIP] / width[SLIP]) ** 2
     numbers, narrowed = {}, {}
     for number, name in enumerate(NAMES):
         half = t95 * np.sqrt(variance[number])

@@ -119,24 +119,39 @@ def test_a_limit_that_is_touched_leaves_every_higher_one_open() -> None:
     assert torque_verdict(fit) != "weak"
 
 
-def test_the_interval_of_a_normal_rate_is_that_of_the_normal_distribution() -> None:
-    """The grid is coarse: its steps must not widen what it stands for."""
-    middle, sigma = 0.2, 0.05
-    node = middle + sigma * np.concatenate([np.linspace(-4.0, 4.0, 13), np.geomspace(6.0, 30.0, 4)])
-    weight = np.gradient(node) * np.exp(-0.5 * ((node - middle) / sigma) ** 2)
-    place = np.zeros((len(node), len(NAMES)))
-    place[:, RATE] = node
+def summed_up(place: np.ndarray, weight: np.ndarray) -> LoopFit:
+    """A posterior that is a grid of places, each of them certain."""
+    count = len(NAMES)
     posterior = LoopPosterior(
         place=jnp.asarray(place, jnp.float32),
         weight=jnp.asarray(weight / weight.sum(), jnp.float32),
-        root=jnp.zeros((len(node), len(NAMES), len(NAMES))),
+        root=jnp.zeros((len(place), count, count)),
         scale=jnp.ones((2, 2)),
-        memory=jnp.ones(len(NAMES)),
+        memory=jnp.ones(count),
         blocks=jnp.float32(1e4),
         limit_share=jnp.ones(2),
         left=jnp.float32(0.0),
     )
-    prior = LoopPrior(jnp.ones(len(NAMES)), jnp.asarray(WIDTH, jnp.float32), jnp.float32(3.0), jnp.float32(0.0))
-    found = summarise(prior, posterior).numbers["rate_radps"]
+    value = jnp.full(count, 0.01).at[RATE].set(1.0)
+    return summarise(LoopPrior(value, jnp.asarray(WIDTH, jnp.float32), jnp.float32(3.0), jnp.float32(0.0)), posterior)
+
+
+def test_the_interval_of_a_normal_rate_is_that_of_the_normal_distribution() -> None:
+    """The grid is coarse: its steps must not widen what it stands for."""
+    middle, sigma = 0.2, 0.05
+    node = middle + sigma * np.concatenate([np.linspace(-4.0, 4.0, 13), np.geomspace(6.0, 30.0, 4)])
+    place = np.zeros((len(node), len(NAMES)))
+    place[:, RATE] = node
+    weight = np.gradient(node) * np.exp(-0.5 * ((node - middle) / sigma) ** 2)
+    found = summed_up(place, weight).numbers["rate_radps"]
     bounds = np.log([found.low, found.high]) / WIDTH[RATE]
     np.testing.assert_allclose(bounds, middle + 1.96 * sigma * np.array([-1.0, 1.0]), atol=0.02 * sigma)
+
+
+def test_what_the_odometers_scale_hides_is_in_the_intervals() -> None:
+    """Half a per cent of speed is half a per cent of 1 + k, and a whole one of 1 / V_CHAR squared."""
+    place = np.zeros((3, len(NAMES)))
+    place[:, RATE] = [-1.0, 0.0, 1.0]
+    found = summed_up(place, np.ones(3)).numbers
+    half = [0.5 * (found[name].high - found[name].low) for name in ("rear_ratio", "slip_s2pm2", "lag_s")]
+    np.testing.assert_allclose(half, [1.96 * 0.005 * 1.01, 1.96 * 0.01 * 0.01, 0.0], rtol=2e-3)
