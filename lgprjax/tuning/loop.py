@@ -386,7 +386,7 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     unseen = jnp.linspace(-_PRIOR_SPAN, _PRIOR_SPAN, _NODES + _BEYOND)
     node = jnp.where(reached, best[RATE] + from_best, unseen)
 
-    def along(rate: Float[Array, ""]) -> tuple[Array, Array, Array, Array]:
+    def along(rate: Float[Array, ""]) -> tuple[Array, Array, Array, Array, Array]:
         place = _solve(prior, logs, best.at[RATE].set(rate), np.delete(_ALL, RATE), memory, _NODE_ROUNDS)
         place = _solve(prior, logs, place, _CHASSIS, memory, _ROUNDS)
         found = _look(prior, logs, place, seen.scale)
@@ -399,14 +399,14 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
         step = jnp.linalg.solve(inner[np.ix_(_CHASSIS, _CHASSIS)], pull[_CHASSIS])
         left = jnp.max(jnp.abs(step) / jnp.sqrt(jnp.diagonal(covariance)[_CHASSIS]))
         volume = jnp.sum(jnp.log(jnp.diagonal(root) + 1.0 - others))
-        # Drives that do not reach the rate say nothing of higher ones, whatever their noise does.
-        price = found.cost / memory[RATE] ** 2 + 0.5 * jnp.sum(place**2) - volume
-        return place, root, left, jnp.where(reached, price, 0.5 * rate**2)
+        cost = found.cost / memory[RATE] ** 2
+        return place, root, left, cost, cost + 0.5 * jnp.sum(place**2) - volume
 
-    places, roots, left, price = jax.vmap(along)(node)
-    above = values_of(prior, places)[:, RATE] >= jnp.max(fastest)
-    # Below the fastest turn seen there is nothing unless the limit was reached: a slower servo had not done it.
-    price = jnp.where(reached | above, price, jnp.inf)
+    places, roots, left, cost, price = jax.vmap(along)(node)
+    # Drives that do not reach the rate say nothing of higher ones, whatever their noise does. Of lower ones they do: a
+    # slower servo had not turned as fast. How fast it turned is the model's, and may be more than the servo did.
+    slower = values_of(prior, places)[:, RATE] < jnp.max(fastest)
+    price = jnp.where(reached, price, 0.5 * node**2 + jnp.where(slower, jnp.maximum(cost - cost[-1], 0.0), 0.0))
     weight = jax.nn.softmax(jnp.log(jnp.asarray(jnp.gradient(node))) - (price - jnp.min(price)))
     limit = fastest / likeliest[RATE]
     return LoopPosterior(places, weight, roots, seen.scale.T, memory, blocks, limit, weight @ left)

@@ -116,13 +116,11 @@ def _bounds_of_rate(
     """Places below and above which that share of the posterior lies.
 
     The logarithm of its density is linear between rates of the grid: were all of a rate's weight spread evenly to its
-    neighbours, tails would be too heavy. Towards a rate that is excluded, the density itself is linear.
+    neighbours, tails would be too heavy.
     """
-    density = weight / np.gradient(place)
-    excluded, logarithm = density <= 0.0, np.log(np.where(density > 0.0, density, 1.0))
+    logarithm = np.log(np.maximum(weight / np.gradient(place), 1e-30))
     at, nodes = np.linspace(0.0, len(place) - 1.0, _BETWEEN * (len(place) - 1) + 1), np.arange(len(place))
-    fine, beside, straight, curved = (np.interp(at, nodes, part) for part in (place, excluded, density, logarithm))
-    between = np.where(beside > 0.0, straight, np.exp(curved))
+    fine, between = np.interp(at, nodes, place), np.exp(np.interp(at, nodes, logarithm))
     below = np.concatenate([[0.0], np.cumsum(0.5 * (between[1:] + between[:-1]) * np.diff(fine))])
     low, high = np.interp([tail, 1.0 - tail], below / below[-1], fine)
     return float(low), float(high)
