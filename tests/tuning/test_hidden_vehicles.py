@@ -383,7 +383,7 @@ def test_twenty_look_aheads() -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(
-    ("law", "draws", "low", "high"), [("white", 2000, 0.93, 0.97), *((law, 500, 0.9, 1.0) for law in LAWS)]
+    ("law", "draws", "low", "high"), [("white", 2000, 0.93, 0.97), *((law, 400, 0.9, 1.0) for law in LAWS)]
 )
 def test_intervals_cover(law: str, draws: int, low: float, high: float) -> None:
     shares = coverage(law, draws, 17)
