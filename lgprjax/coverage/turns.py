@@ -19,6 +19,7 @@ A negative length is driven in reverse: the yaw changes by length times curvatur
 _NO_TURN_RAD = 1e-9
 _NO_WAY = 1e-9
 _NO_SQUARE = 1e-12
+"""What rounding leaves of the square of no straight, in squares of the radius, beside a distance of one radius."""
 _HANDS = np.array([(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)], float)
 """To which hand the pieces of Dubins' words bend."""
 
