@@ -43,7 +43,7 @@ loop
 
 # %%
 known = loop.vehicle.save(f"{OUTPUT}/tracking.vehicle.toml", force=True)
-tuned = lx.tune("look_ahead", vehicle=known, logs=logs, draws=256, steps=15, courses=["line"])
+tuned = lx.tune("look_ahead", vehicle=known, logs=logs, draws=256, courses=["line"])
 tuned
 
 # %%
