@@ -38,8 +38,9 @@ WIDTH = np.array([0.6, 0.05, 0.45, 0.004, 0.05, 0.2, 0.004, 0.02, 0.06])
 """Standard deviation of each number about the vehicle file's before any drive; of lag and rate in their logarithm."""
 STEP_S = 0.02
 BLOCK = 300
-"""Steps of a block: errors in different blocks are taken as independent. With those of a correlation time of 1.5 s, a
-block of 4 s scatters 35 % less than it should, and one of 6 s 25 %; longer ones leave too few of them."""
+"""Steps of a block: errors in different blocks are taken as independent. Where their
+correlation time is 1.5 s, the variance comes out 25 % too small with blocks of 6 s, and 35 % with blocks of 4 s; longer
+blocks leave too few of them."""
 PADDING, LANES = 4096, 2
 """Steps and drives are padded to whole multiples of these: few shapes are compiled."""
 AROUND_S = 1.0
@@ -62,7 +63,7 @@ _SPAN, _PRIOR_SPAN = 4.0, 3.0
 REACHED_SHARE = 0.7
 """Of the largest rate: drives that turn the wheels no faster only bound it from below."""
 ODOMETER_SHARE = 0.005
-"""Standard deviation of the odometer's scale, which neither curvature, and so the rear ratio, nor slip is told from."""
+"""Standard deviation of the odometer's scale: drives tell neither the rear ratio nor slip apart from it."""
 
 
 class LoopPrior(NamedTuple):
