@@ -8,20 +8,23 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax
 # gprMax (GPL) is an outside program in an environment of its own. Its wheels are for Python 3.11 to 3.13.
 GPRMAX := .venv-gprmax
 
-.PHONY: demo test lint types docs campaign coverage gprmax mutants clean
+.PHONY: demo test lint types docs validation campaign coverage gprmax mutants clean
 
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
 
-# A file stays in one process, whose fixtures its tests share. Compiled programs are shared by all, run after run.
+# A file stays in one process, whose fixtures its tests share. Compiled programs are kept where the commands keep theirs:
+# the next run, another clone and the commands need not compile them again.
+export LGPRJAX_TEST_CACHE ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/lgprjax/compiled
 test: $(VENV)/.test
-	LGPRJAX_TEST_CACHE="$(CURDIR)/build/test-cache" $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-campaign: $(VENV)/.test
-	$(BIN)/pytest -m campaign
+# Evidence that takes longer than the suite; all of it without NAME. Interrupted, it goes on where it was.
+validation campaign: $(VENV)/.test
+	$(BIN)/python -m validation $(NAME)
 
 gprmax: $(VENV)/.test $(GPRMAX)/.gprmax
-	LGPRJAX_GPRMAX=$(CURDIR)/$(GPRMAX)/bin/python $(BIN)/pytest -m gprmax -s tests/physics
+	LGPRJAX_GPRMAX=$(CURDIR)/$(GPRMAX)/bin/python $(MAKE) validation NAME=full_wave
 
 # Every mutant of the command limiter must be killed. The tool changes files in place, hence the copy.
 mutants: $(VENV)/.test
@@ -38,7 +41,7 @@ ROOMS := autopilot coverage navigation pso radar registration scene subsurface v
 coverage: $(VENV)/.test
 	$(PIP) install --constraint constraints.txt coverage
 	mkdir -p build
-	LGPRJAX_TEST_CACHE="$(CURDIR)/build/test-cache" $(BIN)/coverage run --branch --data-file=build/coverage \
+	$(BIN)/coverage run --branch --data-file=build/coverage \
 	  --include="$$(printf '*/lgprjax/%s/*,' $(ROOMS))" -m pytest -q $(addprefix tests/,$(ROOMS)) tests/batch tests/mapping \
 	  tests/simulation tests/runtime/test_on_board.py tests/runtime/test_field.py
 	$(BIN)/coverage report --data-file=build/coverage --skip-covered --sort=cover --fail-under=95

@@ -3,11 +3,29 @@
 import os
 import sys
 import time
+from pathlib import Path
 
 
 def usable_cores() -> int:
     """CPU cores that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def keep_programs(folder: Path) -> None:
+    """Keep compiled programs in a folder, in this process and those that it starts; before JAX is imported.
+
+    Existing environment variables are kept. A program's key does not depend on the folder's path, so that a copied or
+    shared folder serves as well.
+    """
+    for name, value in {
+        "JAX_COMPILATION_CACHE_DIR": str(folder),
+        # By default programs that compile within a second are not kept; many of those make a slow start.
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+        # XLA's own caches would put the path into the key.
+        "JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES": "none",
+    }.items():
+        os.environ.setdefault(name, value)
 
 
 class CompileClock:

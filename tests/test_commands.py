@@ -11,9 +11,9 @@ import pytest
 import segyio
 
 import benchmarks.__main__ as benchmarks
+from canon.site import Site
 from drawn_field import Drive, cover_rows, write_cover_run
 from formats.samples import write_dt1
-from generated import Site
 from lgprjax.cli import main
 from lgprjax.cli.verbs import parsed
 from lgprjax.formats import DriveLog, DriveWriter, read_fixes

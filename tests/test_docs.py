@@ -22,7 +22,7 @@ from formats.samples import write_dt1
 from lgprjax.formats import DriveLog, TraceRecording, read_fixes
 from lgprjax.simulation import read_site
 from runtime.display.browser import open_tab
-from worlds.table import markdown_of, read_figures
+from validation.worlds.table import markdown_of, read_figures
 
 _ROOT = Path(__file__).parents[1]
 _PAGES = sorted([*(_ROOT / "docs").glob("*.md"), *_ROOT.glob("*.md"), *_ROOT.glob("[a-z]*/README.md")])
@@ -123,7 +123,7 @@ def test_the_reference_names_modules_that_there_are() -> None:
 @pytest.mark.parametrize("path", sorted((_ROOT / "docs" / "records").glob("*.json")), ids=lambda path: path.stem)
 def test_records_are_those_of_a_benchmark_and_say_whether_goals_are_met(path: Path) -> None:
     told = json.loads(path.read_text(encoding="utf-8"))
-    other = told.get("command", "").startswith(("python -m worlds.", "python -m surveys."))
+    other = told.get("command", "").startswith(("python -m validation.worlds.", "python -m validation.surveys."))
     assert other or path.stem.removeprefix("gpu_") in get_args(Name)
     assert "cores" in told["machine"]
     for kept in told["records"]:

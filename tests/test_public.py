@@ -20,8 +20,8 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 import lgprjax as lx
+from canon.site import Site
 from frozen.recordings import lay_out
-from generated import Site
 from lgprjax.api.inputs import whole_number
 from lgprjax.api.maps import Map
 from lgprjax.api.matching import Batch

@@ -43,6 +43,7 @@ from lgprjax.cli.terminal import UsageError, run_verb, show_every_character
 from lgprjax.cli.tune import ThresholdsVerb, Tune
 from lgprjax.cli.view import View
 from lgprjax.errors import refuse_own_input
+from lgprjax.machine import keep_programs
 
 
 class Verb(NamedTuple):
@@ -375,8 +376,7 @@ def keep_compiled() -> None:
     An optimisation only, and only before JAX is imported: existing environment variables are respected.
     """
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(root / "lgprjax" / "compiled"))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+    keep_programs(root / "lgprjax" / "compiled")
     # On a full disk what cannot be kept costs the next command time, no more.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from lgprjax.errors import InputError
 from lgprjax.files import lock_file
+from lgprjax.machine import keep_programs
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.ring import Ring
 
@@ -208,10 +209,7 @@ def use_cache(config: RuntimeConfig) -> None:
     """
     if config.cache is None:
         return
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.path(config.cache)))
-    # By default programs that compile within a second are not cached; many of those make a slow start.
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+    keep_programs(config.path(config.cache))
 
 
 def _cores() -> set[int]:

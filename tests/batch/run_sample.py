@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from canon.site import Site
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
-from generated import Site
 from lgprjax.formats import DriveLog, MapFile, SweepRecording, TraceRecording
 
 MONO_NS = 10**12

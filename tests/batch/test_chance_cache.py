@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from canon.map import write_made_map
 from lgprjax.batch import chance as chance_cache
 from lgprjax.batch import chance_of
 from lgprjax.formats import MAP_PRECISIONS, MapFile
 from lgprjax.registration import POOLED, Chance
-from made_map import write_made_map
 
 MEASURED = POOLED._replace(pieces=99, own=True, scale=np.array([2.0, 2.1, 2.2, 2.3, 2.4]))
 

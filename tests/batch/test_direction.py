@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import register_log
 from lgprjax.batch.register import true_errors
 from lgprjax.formats import DriveLog, MapFile

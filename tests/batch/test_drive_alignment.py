@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.register import reversed_track
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import DriveHealth, HealthFigure, drive_health
 from lgprjax.formats import (
     DriveDescription,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from generated import Replay, Site, part_of, replay, scans_of
+from canon.site import Replay, Site, part_of, replay, scans_of
 from lgprjax.registration import Code, LiveBlock, RegisterOptions, Registration, Track
 
 OPTIONS = RegisterOptions(search_m=1.5)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from generated import Site, make_site, register_site, replay, scans_of
+from canon.site import Site, make_site, register_site, replay, scans_of
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.register import true_errors
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, OdometryTrack, TraceRecording

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch.recording import gnss_gaps
 from lgprjax.formats import DriveLog
 

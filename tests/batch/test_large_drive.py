@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack
 
 GIGABYTES = float(os.environ.get("LGPRJAX_LARGE_GB", "10"))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch.chance import OtherBaselines
 from lgprjax.formats import MapFile
 from lgprjax.registration import POOLED

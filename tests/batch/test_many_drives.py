@@ -15,7 +15,7 @@ from distributed import Client, LocalCluster
 
 import lgprjax
 from benchmarks.archive import FULL_ARCHIVE, cut_drive, run_archive
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import ArchiveRun, WorkerPool, claimed, outputs_of, plan_jobs, read_records, shares_of, stamp_of
 from lgprjax.cli import main
 from lgprjax.files import file_hash

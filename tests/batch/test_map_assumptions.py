@@ -6,7 +6,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import assumptions as map_assumptions
 from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, map_assumed_in_words
 from lgprjax.formats import DriveLog, MapFile

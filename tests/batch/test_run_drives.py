@@ -8,8 +8,9 @@ import pytest
 
 from batch.run_sample import LEAST_DELAY_S, MONO_NS, run_of_drive
 from batch.sweep_drives import write_sweeps
+from canon.map import of_many_grounds
+from canon.site import Site
 from formats.run_log_sample import head_bytes, record_bytes
-from generated import Site
 from lgprjax.batch import register_log, write_run_drive
 from lgprjax.batch.recover import device_times, rising
 from lgprjax.errors import InputError
@@ -26,7 +27,6 @@ from lgprjax.formats import (
 )
 from lgprjax.mapping import build_map
 from lgprjax.registration import RegisterOptions
-from many_grounds import of_many_grounds
 
 _DRIVE = "live"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from batch.sweep_drives import FREQUENCIES_HZ, write_sweeps
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import RegisteredDrive, fix_example, recording_of, register_log
 from lgprjax.batch.recording import at_levels, depth_level, level_ratio
 from lgprjax.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import RegisterOptions, Track

@@ -11,7 +11,7 @@ from benchmarks.__main__ import main
 from benchmarks.accelerator import QUICK_ACCELERATOR, AcceleratorPlan, Ran, run_accelerator
 from benchmarks.registration import HardSetConfig, make_hard_set, save_hard_set
 from benchmarks.rollout_problem import make_problem, save_problem
-from generated import Site
+from canon.site import Site
 
 DEVICE = {"bandwidth": 4e12, "platform": "gpu", "device": "a card"}
 

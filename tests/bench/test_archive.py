@@ -7,7 +7,7 @@ import pytest
 
 from archive_records import done, figures
 from benchmarks.archive import ArchivePlan, Run, archive_records, cut_drive
-from generated import Site
+from canon.site import Site
 from lgprjax.formats import DriveLog, NavigationTrack, OdometryTrack
 
 PLAN = ArchivePlan(drives=2, workers=(1, 2))

@@ -8,9 +8,9 @@ import pytest
 from benchmarks.long_map import RepeatedRoad
 from benchmarks.map_precision import Outcome, Size, ratio_of, recode, row_of, size_of
 from benchmarks.stored_road import write_road
+from canon.map import write_made_map
 from lgprjax.formats import MAP_PRECISIONS, MapFile
 from lgprjax.subsurface import GroundMap
-from made_map import write_made_map
 
 
 def test_a_map_coded_anew_is_what_it_would_have_been(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.whole_drive import drive_records, main
-from generated import Site
+from canon.site import Site
 
 
 def run_of(seconds: float, **more: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.cli import main
 from lgprjax.formats import DriveLog, DriveWriter, MapFile
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import lgprjax as lx
-from generated import Site
+from canon.site import Site
 from lgprjax.cli import main
 from vendor_sets import write_segy
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.cli import main
 from lgprjax.formats import MapFile
 from plane_ground import STEP_M, write_plane_map

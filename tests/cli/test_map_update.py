@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import lgprjax as lx
+from canon.trench import TrenchSite, first_scans
 from lgprjax.cli import main
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, check_file
-from trench_site import TrenchSite, first_scans
 
 ROOT = Path(__file__).parents[2]
 

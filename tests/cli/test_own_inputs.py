@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.cli import main
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from batch.run_sample import run_of_drive
-from generated import Site
+from canon.site import Site
 from lgprjax.cli.data import Recover
 from lgprjax.cli.terminal import run_verb
 from lgprjax.formats import DriveLog, check_file

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import workers as worker_environment
 from lgprjax.cli import main
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.cli import main
 
 

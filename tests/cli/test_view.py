@@ -10,8 +10,8 @@ import segyio
 from matplotlib.figure import Figure
 
 import lgprjax as lx
+from canon.site import Site
 from formats.samples import dzt_header, make_description, write_drive, write_dt1
-from generated import Site
 from lgprjax.cli import main
 from lgprjax.formats import DriveWriter
 from lgprjax.report import LineView

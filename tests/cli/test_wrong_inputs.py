@@ -12,10 +12,10 @@ import h5py
 import numpy as np
 import pytest
 
+from canon.map import write_made_map
 from formats.samples import write_dt1
 from lgprjax.cli import main
 from lgprjax.formats import MAP_PRECISIONS
-from made_map import write_made_map
 
 _ONBOARD = Path(__file__).parents[2] / "onboard"
 

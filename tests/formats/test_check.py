@@ -6,10 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
+from canon.map import write_made_map
 from formats.samples import write_drive
 from lgprjax.errors import InputError
 from lgprjax.formats import MAP_PRECISIONS, DriveLog, check_file
-from made_map import write_made_map
 
 _VEHICLE = """
 schema = "lgprjax.vehicle"

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from jaxtyping import Float, Int
 
+from canon.map import GAIN, made_stations, write_made_map
 from lgprjax.errors import InputError
 from lgprjax.formats import MAP_PRECISIONS, MapFile, MapWriter, check_file, copy_stations
 from lgprjax.formats.map_layout import BLOCK
 from lgprjax.subsurface import GroundMap, MapDescription, StationBlock, StationPlaces, StationPositions, Stations
-from made_map import GAIN, made_stations, write_made_map
 
 STATIONS = 1500
 BYTES = 0xA5

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from canon.map import write_made_map
 from lgprjax.formats import MAP_PRECISIONS, MapFile, check_file, locked_map
-from made_map import write_made_map
 
 KILLS = 20
 

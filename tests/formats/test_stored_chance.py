@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
+from canon.map import write_made_map
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     MAP_PRECISIONS,
@@ -17,7 +18,6 @@ from lgprjax.formats import (
     copy_stations,
 )
 from lgprjax.registration import POOLED, Chance
-from made_map import write_made_map
 
 CHANCE = Chance(
     start=np.array([20.5, 19.25, 17.0, 15.0, 13.0]),

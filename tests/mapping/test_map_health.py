@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.map import of_many_grounds
+from canon.site import Site
 from lgprjax.formats import MAP_PRECISIONS, MapFile, MapWriter, import_lines
 from lgprjax.mapping import MapHealth, build_map, verify_map
 from lgprjax.mapping.matching import TileMask, ground_at
 from lgprjax.subsurface import StationBlock
-from many_grounds import of_many_grounds
 
 HOLE_M = (9.0, 12.0)  # of the route
 ALIKE_M = (22.0, 31.0)

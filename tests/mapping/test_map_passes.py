@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from jaxtyping import Int
 
-from generated import Site
+from canon.site import Site
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping.matching import places_of_drives, route_of
 from lgprjax.mapping.survey import STEP_M, GroundPasses, MapSurvey, ground_passes, half_like_m

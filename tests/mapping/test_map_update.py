@@ -13,6 +13,8 @@ import h5py
 import numpy as np
 import pytest
 
+from canon.map import of_many_grounds
+from canon.trench import TrenchSite, first_scans, parts
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.register import true_poses
 from lgprjax.errors import InputError
@@ -22,8 +24,6 @@ from lgprjax.mapping.matching import passes_at, places_of_drives, route_of
 from lgprjax.mapping.update import LocatedDrive, locate_drive
 from lgprjax.radar import ArrayGeometry
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
-from many_grounds import of_many_grounds
-from trench_site import TrenchSite, first_scans, parts
 
 
 class Updated(NamedTuple):

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from canon.trench import TrenchSite, make_trench_site, parts
 from lgprjax.batch import register_log
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import update_map
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
-from trench_site import TrenchSite, make_trench_site, parts
 
 pytestmark = pytest.mark.campaign
 

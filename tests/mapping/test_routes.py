@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from generated import Site
+from canon.site import Site
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, RouteFile, write_route

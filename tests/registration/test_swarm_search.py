@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from generated import Site
+from canon.site import Site
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile
 from lgprjax.pso import SwarmConfig, run_swarm

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from generated import Site, register_site
+from canon.site import Site, register_site
 from lgprjax.batch import RegisteredDrive, example_scan, fix_example, settings_of, write_registered
 from lgprjax.batch.assumptions import is_baseline
 from lgprjax.formats import DriveLog, MapFile

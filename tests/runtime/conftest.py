@@ -1,48 +1,24 @@
-"""What the tests of the runtime share: a course, its map and route, and the control loop's files, loaded once."""
+"""What the tests of the runtime share: the course's configuration and files, loaded, and moments of a drive of it."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from canon.course import COURSE
+from canon.course_loop import DRIVE, OnboardLoop
+from canon.course_moments import Moment
 from lgprjax.autopilot import Mode
-from lgprjax.files import file_hash
-from lgprjax.formats import MapFile, RouteFile, write_route
-from lgprjax.mapping import build_map, routes_of
+from lgprjax.formats import MapFile
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.setup import Loaded, load
 from lgprjax.simulation.devices.world import CourseWorld
-from lgprjax.simulation.loop import OffRoad, make_course
-from many_grounds import of_many_grounds
-from onboard_loop import DRIVE, OnboardLoop
-from onboard_moments import Moment
-
-COURSE = OffRoad(2, 150.0, 3)
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
-def onboard_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Map, route and configuration of a course of 150 m."""
-    folder = tmp_path_factory.mktemp("onboard")
-    course = make_course(COURSE, folder)
-    database, vehicle = folder / "course.map.h5", ROOT / "onboard" / "made_up.vehicle.toml"
-    build_map([course.baseline], database, measure=of_many_grounds)
-    with MapFile.open(database) as source:
-        first = routes_of(source)[0]
-    route = RouteFile(database, file_hash(database), first.name, 0.0, first.length_m, "along", 4.47, 1.5, vehicle)
-    write_route(folder / "course.route.toml", route)
-    text = (ROOT / "onboard" / "simulated.run.toml").read_text(encoding="utf-8")
-    text = text.replace("../out/onboard/course300", "course").replace("../out/onboard/", "")
-    text = text.replace("made_up.vehicle.toml", str(vehicle)).replace("length_m = 300.0", "length_m = 150.0")
-    (folder / "course.run.toml").write_text(text, encoding="utf-8")
-    return folder
-
-
-@pytest.fixture(scope="session")
-def config(onboard_folder: Path) -> RuntimeConfig:
+def config(course_run: Path) -> RuntimeConfig:
     """Of the course."""
-    return read_config(onboard_folder / "course.run.toml")
+    return read_config(course_run / "course.run.toml")
 
 
 @pytest.fixture(scope="session")

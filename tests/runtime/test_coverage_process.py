@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from field_site import make_field
+from canon.field import make_field
 from lgprjax.coverage.pattern import driving_time_s
 from lgprjax.coverage.resume import line_arcs_m, place_of_tool, resume_place
 from lgprjax.formats.coverage_files import read_cover_plan, read_field

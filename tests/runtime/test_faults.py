@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from canon.course_moments import After, Moment, follow, goes_on, hands_over, stops
 from lgprjax.autopilot import Mode
 from lgprjax.autopilot.monitors import Watch
 from lgprjax.navigation import Reason
-from onboard_moments import After, Moment, follow, goes_on, hands_over, stops
 
 
 class Case(NamedTuple):

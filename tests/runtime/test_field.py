@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from field_loop import BEGIN_NS, FieldLoop
-from field_site import Moments, before_the_start, drive_to_moments, make_field
+from canon.field import Moments, before_the_start, drive_to_moments, make_field
+from canon.field_loop import BEGIN_NS, FieldLoop
 from lgprjax.autopilot import Mode
 from lgprjax.autopilot.fence import pad_fence
 from lgprjax.autopilot.modes import Action

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from canon.course_loop import DRIVE, OnboardLoop
+from canon.course_moments import ENGAGED, Moment, follow, goes_on, stops
 from lgprjax.autopilot import EngagementInhibit, Event, Mode
 from lgprjax.autopilot.monitors import Watch
 from lgprjax.navigation import PlanCode, Reason
@@ -18,8 +20,6 @@ from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.simulation.devices.boxes import POWER_CUT
 from lgprjax.simulation.devices.world import CourseWorld
-from onboard_loop import DRIVE, OnboardLoop
-from onboard_moments import ENGAGED, Moment, follow, goes_on, stops
 
 STEER: dict[str, Any] = {"do": "press", "button": "steering", "for_s": 0.3}
 

@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 
 from batch.run_sample import MONO_NS, run_of_drive
+from canon.map import of_many_grounds
+from canon.site import Site
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
-from generated import Site
 from lgprjax.batch import agreement, on_board_of, options_as_provenance, register_log, write_run_drive
 from lgprjax.cli import main
 from lgprjax.formats import DriveLog, MapFile, check_file, read_run, read_vehicle
@@ -23,7 +24,6 @@ from lgprjax.runtime.registration.search import Search, options_of
 from lgprjax.runtime.stamps import StampClock
 from lgprjax.simulation import plan_drive, prepare_site, read_site, write_drive
 from lgprjax.wire import decode
-from many_grounds import of_many_grounds
 
 ROOT = Path(__file__).resolve().parents[2]
 _SCANS = 500

@@ -11,12 +11,12 @@ from lgprjax.runtime.control.setup import load
 
 
 @pytest.fixture
-def folder(onboard_folder: Path, tmp_path: Path) -> Path:
+def folder(course_run: Path, tmp_path: Path) -> Path:
     """A copy of the course's files."""
     for name in ("course.map.h5", "course.route.toml", "course.run.toml"):
-        shutil.copy(onboard_folder / name, tmp_path / name)
+        shutil.copy(course_run / name, tmp_path / name)
     text = (tmp_path / "course.route.toml").read_text(encoding="utf-8")
-    (tmp_path / "course.route.toml").write_text(text.replace(str(onboard_folder), str(tmp_path)), encoding="utf-8")
+    (tmp_path / "course.route.toml").write_text(text.replace(str(course_run), str(tmp_path)), encoding="utf-8")
     return tmp_path
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from field_loop import FieldLoop
-from field_site import VEHICLE, before_the_start
+from canon.field import VEHICLE, before_the_start
+from canon.field_loop import FieldLoop
 from lgprjax.autopilot import Mode
 from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.accuracy import labels_of
 from benchmarks.course_drive import CONDITIONS, as_result, drive_one, figures_of
+from canon.map import of_many_grounds
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
 from lgprjax.navigation import RouteSpeeds
@@ -26,7 +27,6 @@ from lgprjax.simulation.loop import (
     route_of_map,
 )
 from lgprjax.simulation.loop.driven_course import _refuse_drawn_faults, _scans_a_tick
-from many_grounds import of_many_grounds
 
 _SPEC = LoopSpec()
 

@@ -11,21 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hidden_vehicles import (
-    LAWS,
-    Believed,
-    Course,
-    Driven,
-    Hidden,
-    draw_course,
-    draw_vehicles,
-    drive,
-    lay_courses,
-    noise_of,
-)
-from hidden_vehicles import (
-    STEP_S as PLANT_S,
-)
 from lgprjax.tuning.logged_look_ahead import DrawnTuning, drawn_vehicles, judge_drawn, tune_on_draws
 from lgprjax.tuning.look_ahead import TrialCourses
 from lgprjax.tuning.loop import NAMES, ODOMETER_SHARE, PADDING, STEP_S, WIDTH, LoopLogs, LoopPrior, draw_loops, identify
@@ -46,6 +31,21 @@ from lgprjax.vehicle import (
     roll_out_logged,
     start_rollout,
     stretched_look_ahead,
+)
+from validation.vehicles.drawn import (
+    LAWS,
+    Believed,
+    Course,
+    Driven,
+    Hidden,
+    draw_course,
+    draw_vehicles,
+    drive,
+    lay_courses,
+    noise_of,
+)
+from validation.vehicles.drawn import (
+    STEP_S as PLANT_S,
 )
 
 COUNT, DRIVES, SECONDS = 20, 4, 70.0

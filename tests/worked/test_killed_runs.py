@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from jaxtyping import Bool, Float
 
-from field_loop import BEGIN_NS, FieldLoop
-from field_site import BEHIND_M, CONFIG, FRAME, VEHICLE
+from canon.field import BEHIND_M, CONFIG, FRAME, VEHICLE
+from canon.field_loop import BEGIN_NS, FieldLoop
 from formats.run_log_sample import RUN, head_bytes, own_bytes, record_bytes
 from lgprjax.autopilot import Mode
 from lgprjax.cli.run import Run

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from field_loop import FieldLoop
-from field_site import FRAME, make_field
+from canon.field import FRAME, make_field
+from canon.field_loop import FieldLoop
 from lgprjax.autopilot import Mode
 from lgprjax.coverage import CellState
 from lgprjax.frames import body_to_local

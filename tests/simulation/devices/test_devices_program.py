@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import serial
 
+from canon.map import of_many_grounds
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile
 from lgprjax.mapping import build_map
@@ -24,7 +25,6 @@ from lgprjax.simulation.devices.course_stage import CourseSpec
 from lgprjax.simulation.devices.stage import StageSpec, read_spec
 from lgprjax.simulation.loop.loop_setup import cross_track_m
 from lgprjax.simulation.loop.off_road import OffRoad, make_course, scene_frame_of
-from many_grounds import of_many_grounds
 from simulation.devices.host_frames import Status, drive_command, host_frame, read_frame, read_status
 
 _COURSE = OffRoad(2, 30.0, scan_share=6)
