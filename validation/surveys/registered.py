@@ -1,7 +1,7 @@
 """Every real recording registered as its owner would: imported without options, mapped, and located by default.
 
-``python -m validation.surveys.registered FOLDER`` (from the repository, ``PYTHONPATH=.:tests``) prints the table; FOLDER is that
-of the real recordings.
+``python -m validation.surveys.registered FOLDER`` (``PYTHONPATH=.:tests``) prints the table; FOLDER is that of the real
+recordings.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Lines by Maxwell's equations: ``python -m validation.worlds.full_wave`` (from the repository, ``PYTHONPATH=.:tests``).
+"""Lines by Maxwell's equations: ``python -m validation.worlds.full_wave`` (``PYTHONPATH=.:tests``).
 
 Every other ground of these tests adds up single echoes. Here a field in two dimensions (Ey, Hx, Hz on Yee's grid) runs
 through soil, so that echoes are shadowed, scattered again and dispersed in time, the direct wave changes with the soil

@@ -1,7 +1,7 @@
 """The worlds as a table: what each one is made of, drawn once by a seeded generator and kept in ``worlds.csv``.
 
-``python -m validation.worlds.parameters`` (from the repository, ``PYTHONPATH=.:tests``) prints the table again; a test compares it
-with the file. Lengths "in wavelengths" are those of the centre frequency in the world's own soil.
+``python -m validation.worlds.parameters`` (``PYTHONPATH=.:tests``) prints the table again; a test compares it with the
+file. Lengths "in wavelengths" are those of the centre frequency in the world's own soil.
 """
 
 import csv

@@ -1,7 +1,7 @@
 """What a registration with defaults only must show on worlds that nobody tuned to, and on two small ones every day.
 
-The worlds are drawn far apart and committed; ``python -m validation.worlds.table`` prints all figures. The limits are those that
-the project set itself before the worlds were drawn.
+The worlds are drawn far apart and committed; ``python -m validation.worlds.table`` prints all figures. The limits
+are those that the project set itself before the worlds were drawn.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Logs that are sure of themselves, and wrong: ``python -m validation.worlds.wrong_logs 6 11 16`` (``PYTHONPATH=.:tests``).
+"""Logs that are sure of themselves, and wrong: ``python -m validation.worlds.wrong_logs 6 11 16``.
 
 Attitudes with so much added at a told 0.3 degrees of heading, in windows of 4 m and by default, and odometers that
 miscount by 3 %; on the clear day of worlds, scans after the first 4 m. A few minutes a world.
