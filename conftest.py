@@ -13,16 +13,6 @@ from pathlib import Path
 
 import jax
 import pytest
-from jaxtyping import install_import_hook
-
-# Shapes and types of arguments are checked on request only: the checks make every trace slower.
-_TYPED = (
-    *("api.matching", "autopilot", "batch", "coverage", "formats", "frames", "mapping", "navigation", "pso", "radar"),
-    *("registration", "report", "scene", "simulation.field_loop", "simulation.loop", "studies", "subsurface"),
-    *("tuning", "vehicle", "worked"),
-)
-if os.environ.get("LGPRJAX_RUNTIME_TYPES"):
-    install_import_hook([f"lgprjax.{name}" for name in _TYPED], "beartype.beartype")
 
 from canon.course import make_course_run
 from canon.shared import shared_folder
