@@ -38,14 +38,6 @@ def coefficients(profile: np.ndarray, basis: CoefficientBasis, valid: np.ndarray
     return np.asarray(to_coefficients(jnp.asarray(profile, dtype=jnp.float32), jnp.asarray(valid), basis))
 
 
-def test_products_of_coefficients_are_products_of_samples(basis: CoefficientBasis) -> None:
-    """Four traces of one scan, each a packet of its own: Parseval."""
-    traces = np.stack([packet(np.array(c), f) for c, f in [(36.0, 200), (38.0, 230), (40.0, 180), (44.0, 260)]])
-    of_samples = traces @ traces.T
-    by_matrix = np.asarray(jnp.asarray(traces, dtype=jnp.float32) @ basis.matrix, dtype=np.float64)
-    np.testing.assert_allclose(by_matrix @ by_matrix.T, of_samples, atol=1e-4 * of_samples.max())
-
-
 def test_what_lies_outside_the_band_or_at_the_ends_is_left_out(basis: CoefficientBasis) -> None:
     """Oracle: taper, keep the in-band bins of the FFT, go back; correlate the samples."""
     rng = np.random.default_rng(0)
@@ -62,24 +54,14 @@ def test_what_lies_outside_the_band_or_at_the_ends_is_left_out(basis: Coefficien
     assert by_matrix.shape[1] == 2 * np.sum((frequency_mhz >= 60.0) & (frequency_mhz <= 400.0))
 
 
-@pytest.mark.parametrize("delay_ns", [-6.0, -0.37, 0.0, 0.01, 1.234, 8.8])
-def test_a_shift_is_the_signal_that_much_later(basis: CoefficientBasis, delay_ns: float) -> None:
-    centre_ns = np.array([35.0, 38.5, 40.0, 41.3])
+def test_a_shift_is_the_signal_that_much_later(basis: CoefficientBasis) -> None:
+    centre_ns, delay_ns = np.array([35.0, 38.5, 40.0, 41.3]), np.array([-6.0, -0.37, 1.234, 8.8])
     early = jnp.asarray(packet(centre_ns, 210.0), dtype=jnp.float32) @ basis.matrix
     late = np.asarray(jnp.asarray(packet(centre_ns + delay_ns, 210.0), dtype=jnp.float32) @ basis.matrix)
-    shifted = shift_travel_time(early, jnp.full(4, delay_ns, jnp.float32), basis.angular_frequency_rad_per_ns)
-    np.testing.assert_allclose(shifted, late, atol=2e-4 * np.abs(late).max())
-
-
-def test_there_and_back_is_nothing_and_the_power_stays(basis: CoefficientBasis) -> None:
-    rng = np.random.default_rng(1)
-    traces = jnp.asarray(rng.normal(size=(4, basis.matrix.shape[1])), dtype=jnp.float32)
-    delay = jnp.asarray([0.5, -3.0, 12.0, 40.0], dtype=jnp.float32)
     omega = basis.angular_frequency_rad_per_ns
-    moved = shift_travel_time(traces, delay, omega)
-    np.testing.assert_allclose(shift_travel_time(moved, -delay, omega), traces, atol=2e-5)
-    np.testing.assert_allclose(jnp.sum(moved**2, axis=-1), jnp.sum(traces**2, axis=-1), rtol=1e-5)
-    assert np.abs(np.asarray(moved - traces)).max() > 0.5
+    shifted = shift_travel_time(early, jnp.asarray(delay_ns, jnp.float32), omega)
+    np.testing.assert_allclose(shifted, late, atol=2e-4 * np.abs(late).max())
+    np.testing.assert_allclose(jnp.sum(shifted**2, axis=-1), jnp.sum(early**2, axis=-1), rtol=1e-5)
 
 
 def test_the_limit_knows_no_scale(basis: CoefficientBasis) -> None:
@@ -146,17 +128,11 @@ def test_the_gain_drops_what_is_the_same_a_wavelength_on() -> None:
     gain = coherence_gain(power, lagged, distant)
     np.testing.assert_allclose(gain[3 : SAMPLES // 3 - 4], 0.05, atol=1e-6)
     np.testing.assert_allclose(gain[SAMPLES // 3 + 4 : -4], 0.95, atol=1e-6)
-
-
-def test_the_gain_of_silence_is_finite() -> None:
     assert np.all(np.isfinite(coherence_gain(np.zeros(SAMPLES), np.zeros(SAMPLES), np.zeros(SAMPLES))))
 
 
-def test_a_metre_of_air_is_6_67_ns() -> None:
+def test_a_metre_of_air_and_channels_from_the_left() -> None:
     np.testing.assert_allclose(air_delay_ns(jnp.asarray([1.0, -0.1, 0.0])), [6.6713, -0.66713, 0.0], rtol=1e-4)
-
-
-def test_a_uniform_array_counts_its_channels_from_the_left() -> None:
     array = uniform_array(5, 0.2, x_m=3.0, height_m=0.3, scan_period_s=0.01)
     np.testing.assert_allclose(array.y_m, [0.4, 0.2, 0.0, -0.2, -0.4], atol=1e-12)
     np.testing.assert_allclose(array.time_offset_s, [0.0, 0.002, 0.004, 0.006, 0.008])

@@ -31,8 +31,7 @@ def _line(wave: np.ndarray, *, noise: float = 0.0, seed: int = 0, traces: int = 
     return np.rint(counts).astype(np.int16)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("middle", [40, 57, 90])
+@pytest.mark.parametrize(("sign", "middle"), [(1, 40), (-1, 57)])
 def test_ricker_wave(sign: int, middle: int) -> None:
     wave = pick_direct_wave(_line(sign * _ricker(200, middle), noise=200.0), _INTERVAL_NS, _FREQUENCY_HZ)
     assert wave.strongest == middle
@@ -45,8 +44,7 @@ def test_ricker_wave(sign: int, middle: int) -> None:
     assert wave.first_break == pytest.approx(expected, abs=0.3)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("begin", [20, 33.4, 71.7])
+@pytest.mark.parametrize(("sign", "begin"), [(1, 20), (-1, 71.7)])
 def test_swelling_wave(sign: int, begin: float) -> None:
     wave = pick_direct_wave(_line(sign * _tapered(160, begin), noise=100.0), _INTERVAL_NS, _FREQUENCY_HZ)
     assert wave.sign == sign
@@ -62,7 +60,7 @@ def test_first_break_moves_by_parts_of_a_sample() -> None:
     np.testing.assert_allclose(np.array(picked) - picked[0], [0.0, 0.25, 0.5, 0.75, 1.0], atol=0.08)
 
 
-@pytest.mark.parametrize("limit", [0.8, 0.5, 0.3])
+@pytest.mark.parametrize("limit", [0.5, 0.3])
 def test_clipped_wave_keeps_its_place(limit: float) -> None:
     # The side lobes of a Ricker wave have 0.446 of its peak: with 0.3 they are clipped too.
     wave = np.clip(_ricker(200, 90), -limit, limit)
@@ -75,31 +73,23 @@ def test_clipped_wave_keeps_its_place(limit: float) -> None:
     assert picked.sign == -1
 
 
-def test_level_of_a_receiver_that_is_off_zero() -> None:
-    shifted = _line(_ricker(200, 60)) + np.int16(3000)
-    plain = pick_direct_wave(_line(_ricker(200, 60)), _INTERVAL_NS, _FREQUENCY_HZ)
-    off = pick_direct_wave(shifted, _INTERVAL_NS, _FREQUENCY_HZ)
-    np.testing.assert_allclose(off, plain, atol=0.05)
-
-
-def test_echoes_of_single_traces_do_not_count() -> None:
+def test_a_receiver_off_zero_and_echoes_of_single_traces_do_not_count() -> None:
     line = _line(_ricker(200, 60))
+    plain = pick_direct_wave(line, _INTERVAL_NS, _FREQUENCY_HZ)
+    off = pick_direct_wave(line + np.int16(3000), _INTERVAL_NS, _FREQUENCY_HZ)
+    np.testing.assert_allclose(off, plain, atol=0.05)
     line[:5, 10:20] = 30000
     assert pick_direct_wave(line, _INTERVAL_NS, _FREQUENCY_HZ).strongest == 60
 
 
-@pytest.mark.parametrize("middle", [-2, 0, 4])
+@pytest.mark.parametrize("middle", [-2, 4])
 def test_record_that_begins_later_shows_no_first_break(middle: int) -> None:
     picked = pick_direct_wave(_line(_ricker(120, middle), noise=50.0), _INTERVAL_NS, _FREQUENCY_HZ)
     assert np.isnan(picked.first_break)
     assert picked.sign == 0
-
-
-def test_silence_has_no_direct_wave() -> None:
-    picked = pick_direct_wave(np.full((20, 60), 17, np.int16), _INTERVAL_NS, _FREQUENCY_HZ)
-    assert np.isnan(picked.first_break)
-    assert np.isnan(picked.strongest)
-    assert picked.sign == 0
+    silent = pick_direct_wave(np.full((20, 60), 17, np.int16), _INTERVAL_NS, _FREQUENCY_HZ)
+    assert np.isnan([silent.first_break, silent.strongest]).all()
+    assert silent.sign == 0
 
 
 def _ground(seed: int, traces: int = 200, rows: int = 60) -> np.ndarray:
@@ -113,10 +103,9 @@ def _noisy(image: np.ndarray, seed: int, share: float) -> np.ndarray:
     return np.asarray(image + share * image.std() * other[: len(image)] / other.std())
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("backwards", [False, True])
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("lag", [-12, -1, 0, 7, 16])
+@pytest.mark.parametrize(
+    ("seed", "backwards", "sign", "lag"), [(0, False, 1, -12), (1, True, 1, -1), (2, False, -1, 0), (3, True, -1, 16)]
+)
 def test_shifted_neighbour(seed: int, backwards: bool, sign: int, lag: int) -> None:
     ground = _ground(seed)
     neighbour = _noisy(ground[20:170], seed, 0.7)
@@ -154,7 +143,7 @@ def test_a_direction_that_is_not_tried_is_not_found() -> None:
 def test_unrelated_lines_are_not_certain() -> None:
     """Bounds of 2.5 (direction, start) and 2.0 (sign) are what import believes; chance must not reach them."""
     certain = {"direction": 0, "sign": 0, "start": 0}
-    seeds = 150
+    seeds = 100
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         images = [

@@ -60,11 +60,6 @@ def ground_map(road: Road) -> GroundMap:
     return GroundMap(road, half_along_m=4.0, half_cross_m=4.0)
 
 
-def test_all_tiles_share_one_grid(road: Road) -> None:
-    tiles = ground_map(road)
-    assert len({tiles.grid_of(number)[0] for number in range(len(road.tile_frame))}) == 1
-
-
 def test_a_tile_holds_the_ground_of_its_stations(road: Road) -> None:
     tiles = ground_map(road)
     number = len(road.tile_frame) // 2
@@ -91,8 +86,9 @@ def test_a_look_up_reads_no_more_of_a_longer_map(road: Road) -> None:
     np.testing.assert_allclose(longer.tile_frame[:20], road.tile_frame[:20])
 
 
-def test_few_tiles_are_held_and_far_places_have_none(road: Road) -> None:
+def test_all_tiles_share_one_grid_few_are_held_and_far_places_have_none(road: Road) -> None:
     tiles = ground_map(road)
+    assert len({tiles.grid_of(number)[0] for number in range(len(road.tile_frame))}) == 1
     first = tiles.tile(10)
     assert tiles.tile(10) is first
     for number in (11, 12, 13, 14):

@@ -87,7 +87,7 @@ def lanes() -> Lanes:
     return Lanes()
 
 
-@pytest.mark.parametrize("tile", [0, 1, 2])
+@pytest.mark.parametrize("tile", [0, 2])
 def test_a_tile_is_its_stations_brought_to_its_own_height(lanes: Lanes, tile: int) -> None:
     ground = GroundMap(lanes, half_along_m=2.0, half_cross_m=1.0)
     made = ground.tile(tile)

@@ -46,7 +46,7 @@ def test_stretches_hold_every_station_once_and_no_gap() -> None:
     assert stretches.reach_m.max() < 0.4
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     centre=st.tuples(st.floats(-5.0, 25.0), st.floats(-5.0, 20.0)),
     radius_m=st.floats(0.0, 30.0),

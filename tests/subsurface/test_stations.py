@@ -102,9 +102,6 @@ def test_a_station_is_the_ground_where_it_says_it_is(steady: StationBlock) -> No
             r = np.corrcoef(steady.profile[inner, channel, sample], expected[:, channel, sample])[0, 1]
             assert r > 0.995
     assert np.sqrt(np.mean((steady.profile[inner] - expected) ** 2)) < 0.06
-
-
-def test_the_surface_return_is_gone(steady: StationBlock) -> None:
     assert abs(float(np.mean(steady.profile))) < 0.05
     assert np.abs(steady.profile).max() < 1.6
 
@@ -122,16 +119,9 @@ def test_how_it_was_driven_makes_no_difference(steady: StationBlock, drive: Call
             assert np.sqrt(np.mean(difference**2)) < 0.03
 
 
-@pytest.mark.parametrize("block", [7, 64, 5000])
-def test_the_size_of_the_blocks_makes_no_difference(steady: StationBlock, block: int) -> None:
-    other = collect(scans(constant()), block)
-    for a, b in zip(other, steady, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-5)
-
-
-def test_the_size_of_the_blocks_makes_no_difference_in_reverse_either() -> None:
-    whole, parts = (collect(scans(reversing()), block) for block in (5000, 13))
-    for a, b in zip(whole, parts, strict=True):
+@pytest.mark.parametrize(("drive", "block"), [(constant, 7), (constant, 5000), (reversing, 13)])
+def test_the_size_of_the_blocks_makes_no_difference(drive: Callable[[], np.ndarray], block: int) -> None:
+    for a, b in zip(collect(scans(drive()), block), collect(scans(drive())), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-5)
 
 
@@ -191,15 +181,10 @@ def test_coherence_means_are_those_of_the_whole_drive() -> None:
         expected.append(np.mean(products, axis=0))
     np.testing.assert_allclose(total.means, expected, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(total.add(block, (2, 7)).means, expected, rtol=1e-4, atol=1e-5)
-
-
-def test_a_block_shorter_than_the_long_lag_has_no_pairs() -> None:
-    ones = np.ones((5, CHANNELS, SAMPLES), np.float32)
-    empty = np.zeros((5, 1))
-    block = StationBlock(ones, np.ones((5, CHANNELS), bool), empty, empty, empty, empty)
-    total = Coherence.empty(SAMPLES).add(block, (2, 7))
-    assert total.distant_pairs == 0
-    np.testing.assert_allclose(total.means[2], 0.0)
+    # A block shorter than the long lag has no pairs.
+    short = Coherence.empty(SAMPLES).add(StationBlock(*(field[:5] for field in block)), (2, 7))
+    assert short.distant_pairs == 0
+    np.testing.assert_allclose(short.means[2], 0.0)
 
 
 def test_the_short_lag_of_coherence_never_shares_scans_and_the_long_one_is_a_wavelength() -> None:
@@ -208,8 +193,7 @@ def test_the_short_lag_of_coherence_never_shares_scans_and_the_long_one_is_a_wav
     assert coherence_lags(replace(SETTINGS, step_m=0.01), 0.01) == (6, 50)  # an eighth of 0.5 m, and all of it
 
 
-@pytest.mark.parametrize("block", [64, 200, 5000])
-def test_the_background_of_a_line_ends_with_it(block: int) -> None:
+def test_the_background_of_a_line_ends_with_it() -> None:
     """Two lines of one log, 100 m of travel apart, with direct waves that differ: nothing is left of either."""
     one = scans(constant())
     count = len(one.travel_m)
@@ -218,6 +202,6 @@ def test_the_background_of_a_line_ends_with_it(block: int) -> None:
         profile=np.concatenate([level, level + 5.0]),
         travel_m=np.concatenate([one.travel_m, one.travel_m + one.travel_m[-1] + 100.0]),
     )
-    found = collect(both, block)
+    found = collect(both, 64)
     assert len(found.pose) == pytest.approx(2 * len(collect(one).pose), abs=4)
     assert np.max(np.abs(found.profile)) < 1e-3
