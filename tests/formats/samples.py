@@ -1,11 +1,9 @@
 """Small drives and vendor files that the tests of this folder write themselves."""
 
-import os
 import struct
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from lgprjax.formats import (
     DriveDescription,
@@ -16,14 +14,6 @@ from lgprjax.formats import (
     TraceRecording,
 )
 from lgprjax.radar.array import uniform_array
-
-
-def real_data() -> Path:
-    """Folder of the real recordings; skips the test where it is not given."""
-    folder = os.environ.get("LGPRJAX_REAL_DATA")
-    if not folder:
-        pytest.skip("LGPRJAX_REAL_DATA is not set: no real recordings to read")
-    return Path(folder)
 
 
 def make_track(records: int = 5, *, sigmas: bool = True) -> NavigationTrack:

@@ -7,16 +7,16 @@ import scipy.signal
 from lgprjax.formats.vendors.gprmax import PASSBAND, resample, share_above
 
 
-def _tone(frequency: float, count: int = 6000) -> np.ndarray:
+def _tone(frequency: float, count: int = 3000) -> np.ndarray:
     """A tone under a smooth envelope, in units of the input interval."""
     time = np.arange(count)
     envelope = np.exp(-0.5 * ((time - count / 2) / (count / 10)) ** 2)
     return np.asarray(envelope * np.cos(2 * np.pi * frequency * (time - count / 2)))[None, :]
 
 
-@pytest.mark.parametrize("ratio", [1.0, 4.0, 8.48])
+@pytest.mark.parametrize("ratio", [1.0, 8.48])
 def test_passed_tones_keep_amplitude_and_phase(ratio: float) -> None:
-    for share in (0.05, 0.2, PASSBAND - 0.01):
+    for share in (0.05, PASSBAND - 0.01):
         tone = _tone(share / ratio)
         coarse = resample(tone, 1.0, ratio)
         at = np.arange(coarse.shape[1]) * ratio
@@ -27,7 +27,7 @@ def test_passed_tones_keep_amplitude_and_phase(ratio: float) -> None:
 
 
 def test_tones_above_the_new_nyquist_frequency_do_not_fold_back() -> None:
-    for share in (0.51, 0.7, 1.0, 1.9):
+    for share in (0.51, 1.0, 1.9):
         assert np.abs(resample(_tone(share / 8.0), 1.0, 8.0)).max() < 3e-4
     # Plain decimation would have folded the last but one onto frequency 0 at full height.
     assert np.abs(_tone(1.0 / 8.0)[0, ::8]).max() > 0.99
@@ -50,7 +50,7 @@ def test_a_trace_that_ends_at_a_level_keeps_it_and_starts_from_zero() -> None:
 
 
 def test_finer_is_refused() -> None:
-    with pytest.raises(ValueError, match="finer"):
+    with pytest.raises(ValueError, match="resampling"):
         resample(np.ones((1, 9)), 1.0, 0.5)
 
 

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, SurveyOrigin, check_file, import_gprmax, read_gprmax
+from refusals import refused
 
 _DT_S = 2.3586543367496837e-11
 _SAMPLES = 510
@@ -110,7 +110,7 @@ def test_merged_scan_takes_its_positions_from_the_options(tmp_path: Path) -> Non
     assert merged.metadata["positions"] == "given"
 
 
-def test_components_and_the_magnetic_half_step(tmp_path: Path) -> None:
+def test_components_sources_and_the_magnetic_half_step(tmp_path: Path) -> None:
     for version in (3, 4):
         only = [
             _write(tmp_path / f"{version}h{i}.h5", i, _pulse(4), version=version, components=("Hz",)) for i in (1, 2)
@@ -121,9 +121,7 @@ def test_components_and_the_magnetic_half_step(tmp_path: Path) -> None:
     paths = _scan(tmp_path, count=2)
     assert np.abs(read_gprmax(paths, component="Ex").traces).max() == 0.0
     assert np.abs(read_gprmax(paths).traces).max() > 0.9
-
-
-def test_transmission_line_source(tmp_path: Path) -> None:
+    # A transmission line is a source too.
     paths = [_write(tmp_path / f"t{i}.out", 0.3 * i, _pulse(4), source="tls/tl1") for i in range(3)]
     assert read_gprmax(paths).spacing_m == pytest.approx(0.3)
 
@@ -174,68 +172,61 @@ def _spoil_header(path: Path) -> None:
 
 
 _DIVERGED = np.full(_SAMPLES, np.inf, np.float32)
-_BAD: dict[str, tuple[Callable[[list[Path]], Any], dict[str, Any], str]] = {
-    "missing": (lambda p: p[1].unlink(), {}, "scan2.out: file: expected a readable file, found No such file"),
-    "empty": (lambda p: p[1].write_bytes(b""), {}, "scan2.out: file: expected a whole gprMax file (HDF5)"),
-    "cut": (lambda p: p[1].write_bytes(p[1].read_bytes()[:3000]), {}, "expected a whole gprMax file (HDF5)"),
-    "text": (lambda p: p[1].write_bytes(b"text" * 99), {}, "found another format"),
-    "other HDF5": (_edited(lambda s: s.__delitem__("rxs")), {}, "rxs: expected the receivers of a gprMax file, found"),
-    "no dt": (_edited(lambda s: s.attrs.__delitem__("dt")), {}, "@dt: expected a number, found none"),
-    "bad dt": (_edited(lambda s: s.attrs.__setitem__("dt", -1.0)), {}, "dt: expected seconds above zero, found -1"),
-    "other dt": (_edited(lambda s: s.attrs.__setitem__("dt", 2 * _DT_S)), {}, "as in scan1.out, found Ez of 510"),
-    "other length": (_edited(lambda s: _replace(s, np.ones(9, "f4"))), {}, "found Ez of 9 samples"),
-    "damaged header": (lambda p: _spoil_header(p[1]), {}, "file: expected a whole gprMax file (HDF5), found a damaged"),
-    "far away": (_edited(_position("rxs/rx1", [1e300, 0.4, 0.0])), {}, "@Position: expected three numbers, metres"),
-    "diverged": (_edited(lambda s: _replace(s, _DIVERGED)), {}, "finite numbers, found others (the simulation div"),
-    "text data": (
-        _edited(lambda s: _replace(s, np.ones(9, "i4"))),
-        {},
-        "numbers [sample] or [sample, trace], found",
-    ),
-    "merged among others": (_edited(lambda s: _replace(s, np.ones((510, 4), "f4"))), {}, "expected one a file when"),
-    "two sources": (
-        _edited(lambda s: s.create_group("srcs/src2").attrs.__setitem__("Position", [0, 0, 0])),
-        {},
-        "sources: expected exactly one (the position is midway to the receiver), found 2",
-    ),
-    "no position": (
-        _edited(lambda s: s["rxs/rx1"].attrs.__delitem__("Position")),
-        {},
-        "@Position: expected three numbers, metres",
-    ),
-    "off the line": (
-        _edited(_position("rxs/rx1", [0.4, 0.9, 0.0])),
-        {},
-        "scan2.out: position: expected midpoints in",
-    ),
-    "backwards": (_edited(_position("rxs/rx1", [0.0, 0.45, 0.0])), {}, "expected positions that rise with the number"),
-    "component": (lambda _: None, {"component": "Ey"}, "rxs/rx1/Ey: expected one of Ex, Ez, Hx, found none"),
-    "receiver": (lambda _: None, {"receiver": 2}, "rxs/rx2: expected one of rx1, found none"),
-    "receiver 0": (lambda _: None, {"receiver": 0}, "receiver: expected a number from 1, found 0"),
-    "interval": (lambda _: None, {"sample_interval_ns": -1.0}, "sample interval: expected a number above zero"),
-    "fine": (lambda _: None, {"sample_interval_ns": 0.01}, "expected at least the simulation's 0.0235865 ns, found"),
-    "needless step": (lambda _: None, {"step_m": 0.1}, "--step-m: expected a merged B-scan, found files that say"),
-    "time zero": (lambda _: None, {"time_zero_ns": np.nan}, "time zero: expected a number, found nan"),
-}
+_RX = "rxs/rx1"
+# What is done to the second of four files, the place, and values that are named.
+_SPOILT: list[tuple[Callable[[list[Path]], Any], str, tuple[object, ...]]] = [
+    (lambda p: p[1].unlink(), "file", ()),
+    (lambda p: p[1].write_bytes(b""), "file", ("HDF5",)),
+    (lambda p: p[1].write_bytes(p[1].read_bytes()[:3000]), "file", ("HDF5",)),
+    (lambda p: p[1].write_bytes(b"text" * 99), "file", ("HDF5",)),
+    (lambda p: _spoil_header(p[1]), "file", ("HDF5",)),
+    (_edited(lambda s: s.__delitem__("rxs")), "rxs", ()),
+    (_edited(lambda s: s.attrs.__delitem__("dt")), "@dt", ()),
+    (_edited(lambda s: s.attrs.__setitem__("dt", -1.0)), "dt", (-1,)),
+    (_edited(lambda s: s.attrs.__setitem__("dt", 2 * _DT_S)), "recording", ("scan1.out", "Ez", 510)),
+    (_edited(lambda s: _replace(s, np.ones(9, "f4"))), "recording", ("Ez", 9)),
+    (_edited(_position(_RX, [1e300, 0.4, 0.0])), f"/{_RX}@Position", ("1e+300",)),
+    (_edited(lambda s: _replace(s, _DIVERGED)), f"/{_RX}/Ez", ()),
+    (_edited(lambda s: _replace(s, np.ones(9, "i4"))), f"/{_RX}/Ez", ("int32", 9)),
+    (_edited(lambda s: _replace(s, np.ones((510, 4), "f4"))), "traces", (4,)),
+    (_edited(lambda s: s.create_group("srcs/src2").attrs.__setitem__("Position", [0, 0, 0])), "sources", (2,)),
+    (_edited(lambda s: s[_RX].attrs.__delitem__("Position")), f"/{_RX}@Position", ()),
+    (_edited(_position(_RX, [0.4, 0.9, 0.0])), "position", ()),
+    (_edited(_position(_RX, [0.0, 0.45, 0.0])), "position", (0.15, 0.25)),
+]
+# Options, the place, and values that are named.
+_OPTIONS: list[tuple[dict[str, Any], str, tuple[object, ...]]] = [
+    ({"component": "Ey"}, f"{_RX}/Ey", ("Ex, Ez, Hx",)),
+    ({"receiver": 2}, "rxs/rx2", ("rx1",)),
+    ({"receiver": 0}, "receiver", (1, 0)),
+    ({"sample_interval_ns": -1.0}, "sample interval", (-1,)),
+    ({"sample_interval_ns": 0.01}, "sample interval", (0.0235865, 0.01)),
+    ({"step_m": 0.1}, "--step-m", ()),
+    ({"time_zero_ns": np.nan}, "time zero", ("nan",)),
+]
 
 
-@pytest.mark.parametrize("case", _BAD)
-def test_bad_scans_are_one_line_and_leave_nothing(tmp_path: Path, case: str) -> None:
-    spoil, options, words = _BAD[case]
+def test_bad_scans_are_refused_and_leave_nothing(tmp_path: Path) -> None:
+    for number, (spoil, place, values) in enumerate(_SPOILT):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        paths = _scan(folder, count=4)
+        spoil(paths)
+        before = sorted(folder.iterdir())
+        with refused(place, *values, file=paths[1]):
+            import_gprmax(paths, place=_PLACE, output=folder / "a.drive.h5")
+        assert sorted(folder.iterdir()) == before
     paths = _scan(tmp_path, count=4)
-    spoil(paths)
-    before = sorted(tmp_path.iterdir())
-    with pytest.raises(InputError) as caught:
-        import_gprmax(paths, place=_PLACE, output=tmp_path / "a.drive.h5", **options)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert sorted(tmp_path.iterdir()) == before
+    for options, place, values in _OPTIONS:
+        with refused(place, *values, file=paths[0]):
+            import_gprmax(paths, place=_PLACE, output=tmp_path / "a.drive.h5", **options)
+    assert not (tmp_path / "a.drive.h5").exists()
 
 
 def test_scans_that_are_too_little(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"positions: expected --step-m \(a merged file lacks positions\), found none"):
+    with refused("positions", "--step-m", "none", file="m.out"):
         read_gprmax([_merged(tmp_path / "m.out")])
-    with pytest.raises(InputError, match="expected files of at least 2 traces in different places, found 1"):
+    with refused("positions", 2, found=1):
         read_gprmax(_scan(tmp_path, count=1))
-    with pytest.raises(InputError, match="gprMax files: expected at least one, found none"):
+    with refused("gprMax files", "none"):
         read_gprmax([])

@@ -7,8 +7,8 @@ import pyproj
 import pytest
 
 from formats.segy_sample import COUNTS, write_segy
-from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, SurveyOrigin, TraceRecording, check_file, import_lines, import_segy, read_segy
+from refusals import refused
 
 _PLACE = SurveyOrigin(48.0, 11.0, 30.0)
 
@@ -35,7 +35,7 @@ def test_gap_is_left_open_and_a_wild_position_refused(tmp_path: Path) -> None:
     np.testing.assert_array_equal(valid[:, 0], [True] * 3 + [False] * 4 + [True] * 3)
     np.testing.assert_array_equal(traces[valid[:, 0], 0], COUNTS)
     wild = write_segy(tmp_path / "b.sgy", headers={71: -100, 73: 1000 + along_cm * [1, 1, 1, 1, 1, 100], 77: 100})
-    with pytest.raises(InputError, match=r"position of trace 5: expected steps like most of them, 0.1 m, found a step"):
+    with refused("position of trace 5", 0.1):
         import_segy(wild, place=_PLACE, output=tmp_path / "b.drive.h5")
 
 
@@ -58,11 +58,11 @@ def test_line_on_the_earth(tmp_path: Path, degrees: bool) -> None:
     path = write_segy(tmp_path / "a.sgy", traces, headers=headers)
     output = tmp_path / "a.drive.h5"
     if not degrees:
-        with pytest.raises(InputError, match="coordinates: expected --utm-zone, or --length-m to leave them unused"):
+        with refused("coordinates", "--utm-zone", "--length-m"):
             import_segy(path, place=_PLACE, output=output)
+    # Told to be unused: the zone where there are degrees, the place in any case.
     unused = import_segy(path, place=_PLACE, utm_zone="32N", output=output)
-    zone = ("the UTM zone 32N was not used: the coordinates are in degrees",) if degrees else ()
-    assert unused == (*zone, "the latitude and longitude given were not used: the lines have places of their own")
+    assert ["32N" in line for line in unused] == ([True, False] if degrees else [False])
     assert check_file(output) == []
     with DriveLog.open(output) as log:
         description = log.description
@@ -77,7 +77,6 @@ def test_line_on_the_earth(tmp_path: Path, degrees: bool) -> None:
     assert np.abs(off_deg[3:-3]).max() < 1.0
     assert description.odometry.distance_m[-1] == pytest.approx(30 * np.pi / 2, abs=0.05)
     assert isinstance(description.recording, TraceRecording)
-    assert "picoseconds" in str(description.provenance["reading"])
 
 
 def test_tape_beats_coordinates_and_straight_line_without(tmp_path: Path) -> None:
@@ -85,7 +84,7 @@ def test_tape_beats_coordinates_and_straight_line_without(tmp_path: Path) -> Non
     path = write_segy(tmp_path / "a.sgy", headers=headers)
     assert import_segy(path, place=_PLACE, output=tmp_path / "a.drive.h5") == ()
     unused = import_segy(path, place=_PLACE, utm_zone="32N", length_m=5.0, output=tmp_path / "b.drive.h5")
-    assert unused == ("the UTM zone 32N was not used: the line is placed by its length",)
+    assert ["32N" in line for line in unused] == [True]
     for name, length_m in (("a", 1.0), ("b", 5.0)):
         with DriveLog.open(tmp_path / f"{name}.drive.h5") as log:
             assert log.description.odometry.distance_m[-1] == pytest.approx(length_m)
@@ -98,13 +97,13 @@ def test_parallel_segy_lines(tmp_path: Path) -> None:
     import_lines(paths, line_spacing_m=0.5, output=tmp_path / "a.drive.h5")
     with DriveLog.open(tmp_path / "a.drive.h5") as log:
         traces, _ = log.read_traces(0, log.scans)
-        assert "picoseconds" in str(log.description.provenance["readings"])
+        assert len(log.description.provenance["readings"]) == 2  # type: ignore[arg-type]
     np.testing.assert_array_equal(traces, np.stack([COUNTS, COUNTS + 1], axis=1))
     silent = write_segy(tmp_path / "2.segy", interval=4000, headers=headers)
     import_lines([silent], line_spacing_m=0.5, sample_interval_ns=0.4, output=tmp_path / "b.drive.h5")
     with DriveLog.open(tmp_path / "b.drive.h5") as log:
         assert log.description.recording.sample_interval_ns == 0.4  # type: ignore[union-attr]
-    with pytest.raises(InputError, match=r"expected SEG-Y, as a sample interval is given, found '.rd3'"):
+    with refused("file name", ".rd3"):
         import_lines([tmp_path / "a.rd3"], line_spacing_m=0.5, sample_interval_ns=0.4, output=tmp_path / "c.drive.h5")
 
 
@@ -146,6 +145,13 @@ def test_several_lines_in_degrees_are_passes_on_their_own_coordinates(tmp_path: 
         assert np.ptp(travel_m[part]) == pytest.approx(30 * np.pi / 2, abs=0.1)
 
 
+def test_one_line_in_degrees_is_not_moved_to_the_origin(tmp_path: Path) -> None:
+    path = _coordinates(tmp_path / "0.sgy", 11.0 + 2e-6 * np.arange(6), np.full(6, 48.0), COUNTS, degrees=True)
+    import_lines([path], output=tmp_path / "a.drive.h5")
+    longitude, latitude, _ = _places(tmp_path / "a.drive.h5")
+    np.testing.assert_allclose([longitude[0], latitude[0]], [11.0, 48.0], atol=1e-6)
+
+
 @pytest.mark.parametrize("site", [False, True])
 def test_several_straight_lines_in_metres_lie_side_by_side(tmp_path: Path, site: bool) -> None:
     """Metres of a UTM zone, or of the site: its x axis points along the heading."""
@@ -159,14 +165,13 @@ def test_several_straight_lines_in_metres_lie_side_by_side(tmp_path: Path, site:
     if site:
         survey = import_lines(paths, latitude_deg=48.0, longitude_deg=11.0, output=output)
     else:
-        with pytest.raises(InputError, match=r"0\.sgy: positions: expected metres within 10 km .*, or --utm-zone"):
+        with refused("positions", "--utm-zone", 10, file="0.sgy"):
             import_lines(paths, output=output)
         survey = import_lines(paths, utm_zone="32N", output=output)
     assert survey.placed_by == "header"
     assert [line.file for line in survey.lines] == ["1.sgy", "0.sgy"]
     assert {line.start_from for line in survey.lines} == {"header"}
-    words = "the site's own metres" if site else "metres of UTM zone 32N"
-    assert survey.assumed["position"] == f"from the coordinates of the headers, in {words}"
+    assert ("32N" in survey.assumed["position"]) == (not site)
     with DriveLog.open(output) as log:
         description = log.description
         traces, valid = log.read_traces(0, log.scans)
@@ -186,23 +191,12 @@ def test_several_straight_lines_in_metres_lie_side_by_side(tmp_path: Path, site:
     np.testing.assert_allclose(north + left_m[1], y0, atol=0.02)
 
 
-def test_one_line_in_degrees_is_not_moved_to_the_origin(tmp_path: Path) -> None:
-    path = _coordinates(tmp_path / "0.sgy", 11.0 + 2e-6 * np.arange(6), np.full(6, 48.0), COUNTS, degrees=True)
-    import_lines([path], output=tmp_path / "a.drive.h5")
-    longitude, latitude, _ = _places(tmp_path / "a.drive.h5")
-    np.testing.assert_allclose([longitude[0], latitude[0]], [11.0, 48.0], atol=1e-6)
-
-
 def test_traces_without_coordinates_need_a_length(tmp_path: Path) -> None:
     partly = 1000 + 20 * np.arange(6)
     partly[2] = 0
     path = write_segy(tmp_path / "a.sgy", headers={71: -100, 73: partly})
-    assert "1 of 6 traces without" in str(read_segy(path).metadata["reading"])
-    with pytest.raises(
-        InputError,
-        match=r"trace spacing: expected a spacing in the header, or --length-m, found none \(coordinates: no header",
-    ):
+    with refused("trace spacing", "--length-m"):
         import_segy(path, place=_PLACE, output=tmp_path / "a.drive.h5")
-    with pytest.raises(InputError, match="expected eastings and northings, found sample interval"):
+    with refused("coordinates"):
         import_segy(path, place=_PLACE, utm_zone="32N", output=tmp_path / "a.drive.h5")
     assert list(tmp_path.iterdir()) == [path]

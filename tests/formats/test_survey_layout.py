@@ -9,8 +9,8 @@ import pytest
 from formats.samples import write_dt1
 from formats.side_samples import gga_at, gps_text
 from formats.survey_sample import STEP_M, write_survey, write_topography
-from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, check_file, import_lines
+from refusals import refused
 
 _LATITUDE, _LONGITUDE = 48.0, 11.0
 
@@ -39,7 +39,7 @@ def _ramps(folder: Path, count: int, traces: int = 6) -> list[Path]:
     return [write_dt1(folder / f"LINE{i}.DT1", line, step=STEP_M) for i, line in enumerate(lines)]
 
 
-@pytest.mark.parametrize("places", [[0.0, 0.3, 0.5, 1.7], [1.7, 0.0, 0.5, 0.3], [-0.4, 2.0, 0.1, -3.0]])
+@pytest.mark.parametrize("places", [[0.0, 0.3, 0.5, 1.7], [-0.4, 2.0, 0.1, -3.0]])
 def test_uneven_tape(places: list[float], tmp_path: Path) -> None:
     paths = _ramps(tmp_path, 4)
     output = tmp_path / "a.drive.h5"
@@ -60,40 +60,27 @@ def test_uneven_tape(places: list[float], tmp_path: Path) -> None:
         np.testing.assert_array_equal(traces[:, channel, 0], expected[::-1] if i == 2 else expected)
 
 
-_WRONG: list[tuple[dict[str, object], str]] = [
-    ({"lines_at_m": [0.0, 1.0]}, "lines_at_m: expected 3 distances in metres, one for each line, found 2: 0 1"),
-    (
-        {"lines_at_m": [0.0, 1.0, np.nan]},
-        "lines_at_m: expected 3 distances in metres, one for each line, found 3: 0 1 nan",
-    ),
-    ({"lines_at_m": [0.0, 1.0, 1.001]}, "lines_at_m: expected lines apart from each other, found two within 0.001 m"),
-    (
-        {"lines_at_m": [0.0, 1.0, 2.0], "line_spacing_m": 1.0},
-        "lines_at_m, line_spacing_m: expected one of them, found both",
-    ),
-    ({"lines_at_m": [0.0, 1.0, 2.0], "first_line_m": 1.0}, "lines_at_m, first_line_m: expected one of them"),
-    ({"lines_at_m": [0.0, 250.0, 500.0]}, "lines_at_m: expected metres, neighbours up to 100 m apart, found two 250 m"),
-    ({"first_line_m": 2.0}, "first_line_m: expected --line-spacing-m beside it, found none"),
-    ({}, "LINE0.DT1: positions: expected positions beside every line, or --line-spacing-m or --lines-at-m, found none"),
-]
-
-
-@pytest.mark.parametrize(("options", "words"), _WRONG)
-def test_places_that_are_none(options: dict[str, object], words: str, tmp_path: Path) -> None:
+def test_places_that_are_none(tmp_path: Path) -> None:
     paths = _ramps(tmp_path, 3)
+    cases: list[tuple[dict[str, object], str, tuple[object, ...]]] = [
+        ({"lines_at_m": [0.0, 1.0]}, "lines_at_m", (3, 2)),
+        ({"lines_at_m": [0.0, 1.0, np.nan]}, "lines_at_m", (3, "nan")),
+        ({"lines_at_m": [0.0, 1.0, 1.001]}, "lines_at_m", (0.001,)),
+        ({"lines_at_m": [0.0, 1.0, 2.0], "line_spacing_m": 1.0}, "lines_at_m, line_spacing_m", ()),
+        ({"lines_at_m": [0.0, 1.0, 2.0], "first_line_m": 1.0}, "lines_at_m, first_line_m", ()),
+        ({"lines_at_m": [0.0, 250.0, 500.0]}, "lines_at_m", (100, 250)),
+        ({"first_line_m": 2.0}, "first_line_m", ("--line-spacing-m",)),
+        ({}, "positions", ("--line-spacing-m", "--lines-at-m")),
+    ]
     before = sorted(tmp_path.iterdir())
-    with pytest.raises(InputError) as caught:
-        import_lines(paths, output=tmp_path / "a.drive.h5", **options)  # type: ignore[arg-type]
-    assert words in str(caught.value)
-    assert len(str(caught.value).splitlines()) == 1
-    assert sorted(tmp_path.iterdir()) == before
-
-
-def test_one_line_without_positions_among_others_is_named(tmp_path: Path) -> None:
-    paths = _ramps(tmp_path, 3)
+    for options, place, values in cases:
+        with refused(place, *values, file=None if options else "LINE0.DT1"):
+            import_lines(paths, output=tmp_path / "a.drive.h5", **options)  # type: ignore[arg-type]
+        assert sorted(tmp_path.iterdir()) == before
+    # One line without positions among others is named.
     for i in (0, 2):
         write_topography(paths[i], np.arange(6) * STEP_M, np.full(6, float(i)))
-    with pytest.raises(InputError, match=r"LINE1\.DT1: positions: expected positions beside every line"):
+    with refused("positions", file="LINE1.DT1"):
         import_lines(paths, output=tmp_path / "a.drive.h5")
 
 
@@ -110,8 +97,7 @@ def _at_an_angle(paths: list[Path], origin: tuple[float, float], angle_deg: floa
     return places
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 30.0, 145.0, -80.0])
-@pytest.mark.parametrize("heading_deg", [90.0, 20.0])
+@pytest.mark.parametrize(("angle_deg", "heading_deg"), [(0.0, 90.0), (30.0, 20.0), (145.0, 90.0), (-80.0, 20.0)])
 def test_topography_in_metres_of_the_site(angle_deg: float, heading_deg: float, tmp_path: Path) -> None:
     """The site's x axis points along the heading that is given, its y axis to the left of that."""
     paths = _ramps(tmp_path, 3)
@@ -148,9 +134,9 @@ def test_topography_in_metres_of_a_grid(tmp_path: Path) -> None:
     paths = _ramps(tmp_path, 3)
     utm = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True)
     places = _at_an_angle(paths, (691_000.0, 5_335_000.0), 25.0)
-    with pytest.raises(InputError, match=r"topo_LINE0\.txt: positions: expected metres within 10 km .*--utm-zone"):
+    with refused("positions", 10, "--utm-zone", file="topo_LINE0.txt"):
         import_lines(paths, output=tmp_path / "a.drive.h5")
-    with pytest.raises(InputError, match="utm_zone: expected a number from 1 to 60 and the hemisphere, N or S"):
+    with refused("utm_zone", "32X"):
         import_lines(paths, utm_zone="32X", output=tmp_path / "a.drive.h5")
     output = tmp_path / "a.drive.h5"
     survey = import_lines(paths, utm_zone="32N", output=output)
@@ -189,9 +175,7 @@ def test_bent_lines_keep_their_own_paths(tmp_path: Path) -> None:
     np.testing.assert_allclose(headings[5:55], 90.0 - np.arange(5, 55), atol=0.5)
     # Fewer rows than traces would put the line anywhere.
     write_topography(paths[1], np.arange(20.0), np.arange(20.0) ** 2 / 20.0)
-    with pytest.raises(
-        InputError, match=r"topo_LINE1\.txt: rows: expected one for each of the 60 traces of LINE1\.DT1, found 20 rows"
-    ):
+    with refused("rows", 60, "LINE1.DT1", file="topo_LINE1.txt", found=20):
         import_lines(paths, output=output, force=True)
 
 
@@ -314,6 +298,6 @@ def test_beside_a_tape_a_receiver_without_a_fix_does_not_matter(tmp_path: Path) 
     paths = _ramps(tmp_path, 2)
     for path in paths:
         path.with_suffix(".GPS").write_text(gps_text([[]] * 6), newline="")
-    with pytest.raises(InputError, match=r"LINE0\.GPS: positions: expected at least one trace with a fix"):
+    with refused("positions", "sentences 0", file="LINE0.GPS"):
         import_lines(paths, output=tmp_path / "a.drive.h5")
     assert import_lines(paths, line_spacing_m=0.5, output=tmp_path / "a.drive.h5").placed_by == "tape"

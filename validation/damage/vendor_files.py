@@ -1,0 +1,223 @@
+"""Damaged vendor files and side files: each must be read or refused in one line, at once and in little memory."""
+
+import re
+import resource
+import time
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from formats.samples import dzt_header, write_dt1, write_iprb, write_mala
+from formats.segy_sample import write_segy
+from formats.side_samples import cor_row, dzg_text, gga, gps_text, rmc
+from lgprjax.errors import InputError
+from lgprjax.formats import Profile, SidePositions, places_of_traces, read_profile, read_side_file
+
+TRACES = np.random.default_rng(7).integers(-30000, 30000, (24, 40))
+_LONGEST_S = 2.0
+_SIDE = (".GPS", ".DZG", ".cor", ".txt", ".xyz")
+# What a read may take besides ten times the size of its files: readers' own objects, and messages.
+_SPARE_BYTES = 256 * 1024
+_EXTREMES = [
+    *(b"-1", b"0", b"-0", b"1e308", b"-1e308", b"1e-320", b"999999999", b"1000000000", b"2147483648", b"4294967296"),
+    *(b"18446744073709551616", b"nan", b"inf", b"-inf", b"", b"1_000", b"0x10", b"1e", b"--5", b"0.5", b"9" * 5000),
+    "٣".encode(),
+]
+_WORDS = [
+    *(b"\0\0", b"\xff\xff", b"\x7f\xff", b"\xff\x7f", b"\x80\0", b"\0\x80", b"\1\0", b"\0\1", b"\0" * 4, b"\xff" * 4),
+    *(np.array(value, "<f4").tobytes() for value in (np.nan, np.inf, -np.inf, 3e38, 1e-40, -1.0, 0.0, 1e9)),
+    *(np.array(value, ">i4").tobytes() for value in (-(2**31), 2**31 - 1, 10**9)),
+    *(np.array(value, ">f8").tobytes() for value in (np.nan, 1e300)),
+]
+
+
+class Subject(NamedTuple):
+    """A file that is read, what is damaged (it, or a header beside it), and which of that is text."""
+
+    make: Callable[[Path], Path]
+    damaged: tuple[str, ...]
+    text: tuple[str, ...]
+
+
+def _dzt(path: Path) -> Path:
+    block = dzt_header(word=2, channels=2, samples=40)
+    path.write_bytes(block + block + (TRACES + 32768).astype("<u2").tobytes())
+    return path
+
+
+def _segy(path: Path) -> Path:
+    headers = {71: -100, 73: 50_000_000 + 20 * np.arange(24), 77: 400_000_000 + np.arange(24), 89: 1}
+    return write_segy(path, TRACES, headers=headers)
+
+
+def side(text: str) -> Callable[[Path], Path]:
+    def make(path: Path) -> Path:
+        path.write_text(text, newline="")
+        return path
+
+    return make
+
+
+_GPS = gps_text(
+    [[gga(0, quality=0), rmc(0)], [rmc(1), "$GPVTG,93.5,T,93.7,M,000.1,N,000.2,K,A*22"], *([gga(n)] for n in (1, 2, 3))]
+)
+_DZG = dzg_text({0: [rmc(0), gga(0)], **{9 * n: [gga(n)] for n in range(1, 3)}})
+_COR = "".join(cor_row(3 * n + 1) for n in range(9))
+_TOPOGRAPHY = "N,E,Z\r\n" + "".join(f"12.5,{0.25 * n:g},{10 + n / 100:g}\r\n" for n in range(10))
+SUBJECTS = {
+    "a.DT1": Subject(lambda path: write_dt1(path, TRACES), ("a.DT1", "a.HD"), ("a.HD",)),
+    "a.DZT": Subject(_dzt, ("a.DZT",), ()),
+    "a.rd3": Subject(lambda path: write_mala(path, TRACES.astype("<i2")), ("a.rd3", "a.rad"), ("a.rad",)),
+    "a.iprb": Subject(lambda path: write_iprb(path, TRACES), ("a.iprb", "a.iprh"), ("a.iprh",)),
+    "a.sgy": Subject(_segy, ("a.sgy",), ()),
+    "a.GPS": Subject(side(_GPS), ("a.GPS",), ("a.GPS",)),
+    "a.DZG": Subject(side(_DZG), ("a.DZG",), ("a.DZG",)),
+    "a.cor": Subject(side(_COR), ("a.cor",), ("a.cor",)),
+    "topo_a.txt": Subject(side(_TOPOGRAPHY), ("topo_a.txt",), ("topo_a.txt",)),
+    "a.xyz": Subject(side(_TOPOGRAPHY.replace("N,E,Z\r\n", "").replace(",", " ")), ("a.xyz",), ("a.xyz",)),
+}
+
+
+def _damage_bytes(rng: np.random.Generator, data: bytes) -> bytes:
+    """Bytes changed, cut off, cut out, inserted or repeated, or a word of the headers made extreme."""
+    at, end = sorted(int(each) for each in rng.integers(0, len(data) + 1, 2))
+    match int(rng.integers(0, 7)):
+        case 0:
+            changed = bytearray(data)
+            for place in rng.integers(0, max(len(data), 1), int(rng.integers(1, 6))) if data else ():
+                changed[place] = int(rng.integers(0, 256))
+            return bytes(changed)
+        case 1:
+            return data[:at]
+        case 2:
+            return data[:at] + data[min(end, at + 300) :]
+        case 3:
+            return data[:at] + rng.bytes(int(rng.integers(1, 200))) + data[at:]
+        case 4:
+            return data[:end] + data[at:]
+        case 5:
+            return data[:at] + bytes(int(rng.integers(1, 3000))) + data[at:]
+        case _:
+            # Most words of binary headers lie in the first 200 bytes; those of SEG-Y from 3200 on.
+            head = int(rng.choice([0, 1024, 3200, 3600])) + int(rng.integers(0, 100)) * 2
+            word = _WORDS[int(rng.integers(0, len(_WORDS)))]
+            return data[:head] + word + data[head + len(word) :]
+
+
+def _damage_text(rng: np.random.Generator, data: bytes) -> bytes:
+    """Numbers made extreme, lines doubled, removed, swapped or joined, or all of it in another encoding."""
+    lines = data.splitlines(keepends=True)
+    if not lines:
+        return data
+    at, other = (int(each) for each in rng.integers(0, len(lines), 2))
+    match int(rng.integers(0, 7)):
+        case 0 | 1:
+            numbers = list(re.finditer(rb"-?\d+(?:\.\d+)?", data))
+            if not numbers:
+                return data
+            number = numbers[int(rng.integers(0, len(numbers)))]
+            return data[: number.start()] + _EXTREMES[int(rng.integers(0, len(_EXTREMES)))] + data[number.end() :]
+        case 2:
+            lines.insert(at, lines[other])
+        case 3:
+            del lines[at : at + int(rng.integers(1, 4))]
+        case 4:
+            lines[at], lines[other] = lines[other], lines[at]
+        case 5:
+            lines[at] = lines[at].rstrip(b"\r\n")
+        case _:
+            text = data.decode("latin-1")
+            coding = ("utf-16", "utf-8-sig", "utf-32", "cp037")[int(rng.integers(0, 4))]
+            return text.encode(coding, errors="replace")
+    return b"".join(lines)
+
+
+def _check_profile(profile: Profile) -> None:
+    traces, _, samples = profile.channels.shape
+    assert traces > 0
+    assert samples > 0
+    assert np.isfinite(profile.sample_interval_ns)
+    assert profile.sample_interval_ns > 0
+    assert np.isfinite(profile.time_zero_ns)
+    assert profile.spacing_m is None or (np.isfinite(profile.spacing_m) and profile.spacing_m > 0)
+    assert profile.positions_m is None or (
+        len(profile.positions_m) == traces and bool(np.isfinite(profile.positions_m).all())
+    )
+
+
+def _check_side(positions: SidePositions) -> None:
+    rows = len(positions.trace)
+    assert rows == len(positions.x) == len(positions.y) == len(positions.z) == positions.counts["rows"] > 0
+    assert np.all(np.diff(positions.trace) > 0)
+    assert np.isfinite([positions.x, positions.y]).all()
+    limit = (180.0, 90.0) if positions.kind == "degrees" else (1e8, 1e8)
+    assert np.abs(positions.x).max() <= limit[0]
+    assert np.abs(positions.y).max() <= limit[1]
+    assert len(places_of_traces(positions, 50).x) == 50
+
+
+def trial(path: Path, *, partial: bool, longest_s: float = _LONGEST_S) -> tuple[str, str]:
+    """How a read ended (``read`` or ``refused``), and what is wrong with that."""
+    size = sum(each.stat().st_size for each in path.parent.iterdir())
+    before, start = tracemalloc.get_traced_memory()[0], time.perf_counter()
+    tracemalloc.reset_peak()
+    read: Profile | SidePositions | None = None
+    try:
+        read = read_side_file(path) if path.suffix in _SIDE else read_profile(path, partial=partial)
+    except InputError as error:
+        lines = str(error).splitlines()
+        wrong = "" if len(lines) == 1 and len(str(error)) < 500 else f"no short line: {str(error)[:200]!r}"
+    except Exception as error:
+        wrong = f"{type(error).__name__}: {error}"
+    else:
+        wrong = ""
+    taken_s, peak = time.perf_counter() - start, tracemalloc.get_traced_memory()[1] - before
+    if taken_s > longest_s:
+        wrong += f" {taken_s:.1f} s"
+    if peak > 10 * size + _SPARE_BYTES:
+        wrong += f" {peak} bytes of memory for files of {size}"
+    if read is not None and not wrong:
+        try:
+            if isinstance(read, Profile):
+                _check_profile(read)
+            else:
+                _check_side(read)
+        except AssertionError as error:
+            wrong = f"read as nonsense: {error}"
+    return ("refused" if read is None else "read"), wrong
+
+
+def check_damages(name: str, count: int, folder: Path) -> dict[str, int]:
+    """Damage a file of a reader so often; how many were read and how many refused."""
+    subject = SUBJECTS[name]
+    path = subject.make(folder / name)
+    sound = {each: (folder / each).read_bytes() for each in subject.damaged}
+    tracemalloc.start()
+    try:
+        assert trial(path, partial=False) == ("read", "")
+        ended, wrong = {"read": 0, "refused": 0}, []
+        memory_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        for number in range(count):
+            rng = np.random.default_rng([number, list(SUBJECTS).index(name)])
+            which = subject.damaged[int(rng.integers(0, len(subject.damaged)))]
+            data = sound[which]
+            for _ in range(int(rng.integers(1, 4))):
+                as_text = which in subject.text and rng.random() < 0.6
+                data = _damage_text(rng, data) if as_text else _damage_bytes(rng, data)
+            (folder / which).write_bytes(data)
+            how, fault = trial(path, partial=bool(rng.random() < 0.5))
+            ended[how] += 1
+            if fault:
+                wrong.append(f"{number} ({which}): {fault}")
+            (folder / which).write_bytes(sound[which])
+    finally:
+        tracemalloc.stop()
+    assert wrong == []
+    # Some are still read and many are not: the damage is neither too mild nor too strong to find anything.
+    assert min(ended.values()) > 0.05 * count
+    # Libraries in C do not tell tracemalloc what they take.
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory_kib < 100_000
+    return ended
