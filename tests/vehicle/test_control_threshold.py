@@ -41,8 +41,7 @@ def made_up(
     return driven
 
 
-@pytest.mark.parametrize("turn_mps", [0.01, -0.05, 0.15, -0.29])
-@pytest.mark.parametrize("rate_mps2", [2.0, 100.0])
+@pytest.mark.parametrize(("turn_mps", "rate_mps2"), [(0.01, 2.0), (-0.29, 100.0), (0.15, 2.0)])
 def test_on_the_average_it_turns_as_asked(turn_mps: float, rate_mps2: float) -> None:
     asked = np.full(3000, turn_mps)
     _, obeyed = made_up(jnp.asarray(asked, jnp.float32), jnp.float32(0.45), jnp.float32(rate_mps2))

@@ -3,11 +3,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from scipy.integrate import cumulative_trapezoid
 
-from lgprjax.errors import InputError
 from lgprjax.vehicle import Path, path_from_curvature, path_from_points, path_point, project
+from refusals import refused
 
 
 def wavy() -> Path:
@@ -131,23 +130,17 @@ def test_look_up_has_the_headings_gradient() -> None:
     np.testing.assert_allclose(slope, point.sin, atol=2e-4)
 
 
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ([[0.0, 0.0], [1.0, 0.0]], "points: expected at least 3 separate ones, found 2"),
-        ([[0.0, 0.0], [1.0, np.nan], [2.0, 0.0]], "point 1: expected numbers"),
-        ([[0.0, 0.0], [0.01, 0.0], [0.02, 0.0], [5.0, 0.0]], "found 2"),
-    ],
-)
-def test_points_that_are_no_path_are_refused(points: list[list[float]], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        path_from_points(np.array(points))
-
-
-def test_curvatures_that_are_no_path_are_refused() -> None:
-    with pytest.raises(InputError, match=r"at most 0\.5 rad an arc"):
+def test_points_and_curvatures_that_are_no_path_are_refused() -> None:
+    with refused("points", 3, found=2):
+        path_from_points(np.array([[0.0, 0.0], [1.0, 0.0]]))
+    with refused("point 1", found="nan"):
+        path_from_points(np.array([[0.0, 0.0], [1.0, np.nan], [2.0, 0.0]]))
+    # Those that lie too close together count once.
+    with refused("points", 3, found=2):
+        path_from_points(np.array([[0.0, 0.0], [0.01, 0.0], [0.02, 0.0], [5.0, 0.0]]))
+    with refused("curvatures", 0.5, found=0.75):
         path_from_curvature(np.array([3.0]))
-    with pytest.raises(InputError, match="at least one"):
+    with refused("curvatures", found=0):
         path_from_curvature(np.array([]))
-    with pytest.raises(InputError, match="the start, for a closed path"):
+    with refused("end", found="2.000"):
         path_from_curvature(np.zeros(8), closed=True)

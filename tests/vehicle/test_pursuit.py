@@ -4,10 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+import rollout_lanes
 from lgprjax.vehicle import (
     Chassis,
     MeasuredRear,
@@ -26,12 +25,12 @@ from lgprjax.vehicle import (
 
 L, ANCHOR, K = 3.8, 6.5, 0.63
 ONE = jnp.float32(1.0)
+steered = jax.jit(steer_exact)
 
 
 def chassis(k: float = K, length: float = L, anchor: float = ANCHOR, largest_deg: float = 40.0) -> Chassis:
-    values = (jnp.float32(v) for v in (length, anchor, np.radians(largest_deg), np.inf))
-    wheelbase, ahead, largest, characteristic = values
-    return Chassis(wheelbase, ahead, ProportionalRear(jnp.float32(k)), largest, characteristic)
+    body = rollout_lanes.chassis(k, anchor, largest_rad=np.radians(largest_deg))
+    return body._replace(wheelbase_m=jnp.float32(length))
 
 
 def goal(distance: float, bearing: float) -> tuple[jax.Array, jax.Array]:
@@ -63,16 +62,15 @@ def goal_of_angle(front: float, distance: float, k: float, length: float, anchor
     return float(np.arctan((anchor - x_c) / y_c) + np.arcsin(distance / (2 * np.hypot(anchor - x_c, y_c))))
 
 
-@pytest.mark.parametrize("k", [0.0, 0.3, 0.63, 1.0])
+@pytest.mark.parametrize("k", [0.0, 0.63, 1.0])
 def test_anchor_passes_through_the_goal(k: float) -> None:
     """The angle of the law, driven by the wheels' directions alone, comes to the goal within 0.2 mm (float32)."""
     rng = np.random.default_rng(3)
     tried = 0
-    for _ in range(60):
+    for _ in range(30):
         length, anchor = rng.uniform(2, 6), rng.uniform(0, 12)
         distance, bearing = rng.uniform(2, 15), rng.uniform(-1, 1)
-        body = chassis(k, length, anchor)
-        steering = steer_exact(body, *goal(distance, bearing), ONE)
+        steering = steered(chassis(k, length, anchor), *goal(distance, bearing), ONE)
         front = float(steering.front_rad)
         if not steering.reachable or abs(front) < 1e-3:
             continue
@@ -86,75 +84,30 @@ def test_anchor_passes_through_the_goal(k: float) -> None:
             y + anchor * np.sin(yaw) - distance * np.sin(bearing),
         )
         assert miss < 2e-4
-    assert tried > 30
+    assert tried > 15
 
 
-@pytest.mark.parametrize(("degrees", "ratio_error"), [(10, -0.62), (20, -2.52), (30, -5.87)])
-def test_small_angle_error_of_k(degrees: int, ratio_error: float) -> None:
-    """x_c falls from kL/(1+k) as the wheels turn: tan kφ / tan φ is short of k by 5.87 % at 30°."""
-    front = jnp.float32(np.radians(degrees))
-    share = float(zero_slip_point(chassis(), front)) / L
-    assert 100 * (share / (1 - share) / K - 1) == pytest.approx(ratio_error, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("degrees", "distance", "error"),
-    [(10, 3, -0.15), (10, 6, -0.17), (10, 12, -0.19), (20, 3, -0.61), (20, 6, -0.71), (20, 12, -0.87)]
-    + [(30, 3, -1.37), (30, 6, -1.66), (30, 12, -2.44)],
-)
+@pytest.mark.parametrize(("degrees", "distance", "error"), [(10, 3, -0.15), (30, 3, -1.37), (30, 12, -2.44)])
 def test_command_error_of_the_closed_form(degrees: int, distance: float, error: float) -> None:
     front = np.radians(degrees)
     at = goal(distance, goal_of_angle(front, distance, K, L, ANCHOR))
-    assert float(steer_exact(chassis(), *at, ONE).front_rad) == pytest.approx(front, rel=2e-6)
+    assert float(steered(chassis(), *at, ONE).front_rad) == pytest.approx(front, rel=2e-6)
     assert 100 * (float(steer_closed(chassis(), *at, ONE)) / front - 1) == pytest.approx(error, abs=0.01)
 
 
-def test_closed_form_stays_within_its_bound() -> None:
-    """At most 1.89 % for k = 0.63 up to 30°, goals ahead, anchor at or before the front axle."""
-    rng = np.random.default_rng(5)
-    front = np.radians(rng.uniform(1, 30, 20_000))
-    anchor, distance = rng.uniform(L, 3 * L, 20_000), rng.uniform(1, 30, 20_000)
-    tangents = np.tan(front) + np.tan(K * front)
-    x_c, y_c = L * np.tan(K * front) / tangents, L / tangents
-    half = distance / (2 * np.hypot(anchor - x_c, y_c))
-    bearing = np.arctan((anchor - x_c) / y_c) + np.arcsin(np.minimum(half, 1.0))
-    use = (half < 1.0) & (bearing <= np.pi / 2)
-    body = chassis()._replace(anchor_m=jnp.asarray(anchor[use], jnp.float32))
-    ahead, left = (jnp.asarray(distance[use] * f(bearing[use]), jnp.float32) for f in (np.cos, np.sin))
-    error = np.abs(np.asarray(steer_closed(body, ahead, left, ONE)) / front[use] - 1)
-    assert 0.015 < error.max() < 0.0189
-
-
-@pytest.mark.parametrize(
-    ("k", "degrees", "rear", "front"),
-    [(0.0, 11.36, -1.086, -0.708), (0.63, 6.88, -0.588, -0.504), (1.0, 5.58, -0.444, -0.444)],
-)
-def test_off_tracking(k: float, degrees: float, rear: float, front: float) -> None:
-    """Points of the body on a circle that the anchor drives with a radius of 20 m."""
-    body = chassis(k)
-    # An arc of about a metre, then the circle through three of its places.
-    angle = jnp.float32(np.radians(degrees))
-    poses = [VehiclePose(ONE, ONE, jnp.float32(0.3))]
-    for _ in range(2):
-        poses.append(drive_arc(poses[-1], jnp.float32(5.0), turn_of(body, angle)))
-
-    def radius(ahead: float) -> float:
-        a, b, c = (complex(*(float(v) for v in body_point(pose, jnp.float32(ahead)))) for pose in poses)
-        return abs((a - b) * (b - c) * (c - a)) / (2 * abs(((b - a).conjugate() * (c - a)).imag))
-
-    assert radius(ANCHOR) == pytest.approx(20.0, abs=0.02)
-    assert radius(0.0) - radius(ANCHOR) == pytest.approx(rear, abs=0.002)
-    assert radius(L) - radius(ANCHOR) == pytest.approx(front, abs=0.002)
-
-
-@settings(max_examples=40, deadline=None)
-@given(front=st.floats(-0.625, 0.625, width=32), k=st.floats(0.0, 1.0, width=32), travel=st.floats(-8.0, 8.0, width=32))
-def test_arc_is_that_of_the_wheels(front: float, k: float, travel: float) -> None:
-    """Any angle, zero included, forwards and in reverse."""
-    body = chassis(k)
+def test_arc_is_that_of_the_wheels() -> None:
+    """Any angle, zero and hardly any included, forwards and in reverse."""
     start = VehiclePose(jnp.float32(0.0), jnp.float32(0.0), jnp.float32(0.0))
-    pose = drive_arc(start, jnp.float32(travel), turn_of(body, jnp.float32(front)))
-    np.testing.assert_allclose([float(v) for v in pose], wheel_rollout(front, k, L, travel), atol=2e-5)
+    drive = jax.jit(lambda k, front, travel: drive_arc(start, travel, turn_of(_with_ratio(k), front)))
+    for front, k, travel in (
+        (0.0, 0.63, 8.0), (1e-6, 0.63, -8.0), (0.625, 1.0, 8.0), (-0.6, 0.0, 5.0), (-0.3, 0.63, -8.0), (0.4, 0.3, 0.05),
+    ):  # fmt: skip
+        pose = drive(jnp.float32(k), jnp.float32(front), jnp.float32(travel))
+        np.testing.assert_allclose([float(v) for v in pose], wheel_rollout(front, k, L, travel), atol=2e-5)
+
+
+def _with_ratio(k: jax.Array) -> Chassis:
+    return chassis()._replace(rear=ProportionalRear(k))
 
 
 def test_yaw_gain_keeps_the_zero_slip_point() -> None:
@@ -176,7 +129,7 @@ def test_yaw_gain_keeps_the_zero_slip_point() -> None:
 def test_feed_forward_asks_for_what_the_gain_takes() -> None:
     body = chassis()
     gain, at = jnp.float32(0.9), goal(6.0, 0.4)
-    front = steer_exact(body, *at, gain).front_rad
+    front = steered(body, *at, gain).front_rad
     assert float(gain * turn_of(body, front).curvature_radpm) == pytest.approx(
         2 * np.sin(0.4) / (6.0 + 2 * (ANCHOR - float(zero_slip_point(body, front))) * np.cos(0.4)), rel=1e-5
     )
@@ -197,17 +150,17 @@ def brent_angle(distance: float, bearing: float, anchor: float, largest: float) 
 
 
 def test_every_goal_is_reached_or_flagged() -> None:
-    """20,000 goals all round: Brent's root where there is one, else the largest angle and a flag."""
+    """3,000 goals all round: Brent's root where there is one, else the largest angle and a flag."""
     rng = np.random.default_rng(11)
-    distance, bearing = rng.uniform(1, 20, 20_000), rng.uniform(-np.pi, np.pi, 20_000)
+    distance, bearing = rng.uniform(1, 20, 3_000), rng.uniform(-np.pi, np.pi, 3_000)
     body = chassis(largest_deg=35.0)
     ahead, left = (jnp.asarray(distance * f(bearing), jnp.float32) for f in (np.cos, np.sin))
-    steering = jax.jit(steer_exact)(body, ahead, left, jnp.ones_like(ahead))
+    steering = steered(body, ahead, left, jnp.ones_like(ahead))
     front, reachable = np.asarray(steering.front_rad), np.asarray(steering.reachable)
     expected = [brent_angle(d, e, ANCHOR, np.radians(35.0)) for d, e in zip(distance, bearing, strict=True)]
     found = np.array([value is not None for value in expected])
     # At the very limit float32 and float64 may differ.
-    assert np.mean(found != reachable) < 2e-4
+    assert np.mean(found != reachable) < 5e-4
     both = found & reachable
     error = np.abs(front[both] - np.array([v for v, ok in zip(expected, both, strict=True) if ok], dtype=float))
     assert error.max() < 5e-5
@@ -218,21 +171,11 @@ def test_every_goal_is_reached_or_flagged() -> None:
 
 def test_no_goal_is_no_command() -> None:
     """A goal that is no number gives no number: the limiter's business. One at the anchor asks for nothing."""
-    nan = jnp.float32(np.nan)
-    assert np.isnan(float(steer_exact(chassis(), nan, nan, ONE).front_rad))
-    here = steer_exact(chassis(), jnp.float32(0.0), jnp.float32(0.0), ONE)
+    nan, zero = jnp.float32(np.nan), jnp.float32(0.0)
+    assert np.isnan(float(steered(chassis(), nan, nan, ONE).front_rad))
+    here = steered(chassis(), zero, zero, ONE)
     assert float(here.front_rad) == 0.0
     assert not here.reachable
-
-
-def test_front_steer_and_full_counter_steer_are_limits() -> None:
-    """k = 0 is LL eq. 1; k = 1 needs no approximation."""
-    at = goal(7.0, 0.5)
-    eq_1 = np.arctan(L * np.sin(0.5) / (3.5 + ANCHOR * np.cos(0.5)))
-    assert float(steer_exact(chassis(0.0), *at, ONE).front_rad) == pytest.approx(eq_1, rel=1e-6)
-    full = np.arctan(L * np.sin(0.5) / (7.0 + (2 * ANCHOR - L) * np.cos(0.5)))
-    assert float(steer_exact(chassis(1.0), *at, ONE).front_rad) == pytest.approx(full, rel=1e-6)
-    assert float(steer_closed(chassis(1.0), *at, ONE)) == pytest.approx(full, rel=1e-6)
 
 
 def test_measured_rear_takes_the_place_of_k() -> None:
@@ -249,7 +192,7 @@ def test_measured_rear_takes_the_place_of_k() -> None:
         a, b = 3.0 + ANCHOR * np.cos(0.6), 3.0 + (ANCHOR - L) * np.cos(0.6)
         return float(a * np.tan(front) + b * tangent - L * np.sin(0.6))
 
-    steering = steer_exact(body, *goal(6.0, 0.6), ONE)
+    steering = steered(body, *goal(6.0, 0.6), ONE)
     assert steering.reachable
     assert float(steering.front_rad) == pytest.approx(brentq(left, 0.0, 0.7), abs=2e-4)
     # Beyond the last knot it goes on with the last slope.
@@ -262,6 +205,6 @@ def test_reversing_needs_twice_the_lead() -> None:
     least = float(reverse_look_ahead_m(body))
     assert least == pytest.approx(2 * (ANCHOR - K * L / (1 + K)), rel=1e-6)
     bearing = np.pi - 0.02
-    far, near = (steer_exact(body, *goal(share * least, bearing), ONE) for share in (1.1, 0.9))
+    far, near = (steered(body, *goal(share * least, bearing), ONE) for share in (1.1, 0.9))
     assert far.reachable
     assert not near.reachable

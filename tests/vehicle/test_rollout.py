@@ -24,9 +24,7 @@ from lgprjax.vehicle import (
     Servo,
     arc_course,
     constant_look_ahead,
-    eight_course,
     ideal_servo,
-    line_course,
     look_ahead_m,
     path_from_curvature,
     roll_out,
@@ -104,16 +102,10 @@ def test_rollout_is_that_of_a_plain_tracker(
     np.testing.assert_allclose(trace.front_rad, plain.wheels, atol=1.5e-3)
 
 
-G = 1.0 / (1.0 + (4.47 / 20.0) ** 2)
 STEADY: dict[str, tuple[float, float, dict[str, Any]]] = {
-    "exact": (0.0, 0.02, {}),
-    "closed": (0.7, 0.05, {"law": "closed"}),
     "k of 0.60 believed": (-2.9, 0.05, {"law": "closed", "believed": chassis(0.60)}),
-    "k of 0 believed, eq. 1": (-78.0, 0.5, {"law": "closed", "believed": chassis(0.0)}),
-    "anchor believed at the rear axle": (-335.0, 0.5, {"law": "closed", "believed": chassis(anchor_m=0.0)}),
     # The note's 14.6 and 1.1 cm hold the zero-slip point where it is for small angles; here it moves with the wheels.
     "yaw gain ignored": (14.6, 0.4, {"law": "closed", "true": chassis(v_char_mps=20.0), "believed": chassis()}),
-    "yaw gain fed forward": (1.1, 0.4, {"law": "closed", "true": chassis(v_char_mps=20.0)}),
     "yaw gain fed forward, exact": (0.0, 0.02, {"true": chassis(v_char_mps=20.0)}),
 }
 
@@ -132,56 +124,9 @@ def test_steady_error_on_a_circle(case: str) -> None:
     assert float(metrics.cycle_m) < 2e-3
 
 
-def test_error_of_a_lost_yaw_gain_is_the_rule() -> None:
-    """e = ε/R · D (D/2 + l − x_c), to first order in the loss and in what is long against the radius."""
-    path = arc_course(120.0, 2 * np.pi)
-    lane = one_lane(5.0, true=chassis(v_char_mps=20.0), believed=chassis())
-    final, metrics = roll_out(RolloutSpec(800), path, lane, begin(path, lane))
-    x, y = final.x_m + ANCHOR_M * final.cos_yaw, final.y_m + ANCHOR_M * final.sin_yaw
-    lost = 1.0 - 1.0 / (1.0 + (4.47 / 20.0) ** 2)
-    rule = lost / 120.0 * 5.0 * (2.5 + ANCHOR_M - 0.63 * 3.8 / 1.63)
-    np.testing.assert_allclose(np.hypot(x, y - 120.0) - 120.0, rule, rtol=0.05)
-    assert float(metrics.cycle_m) < 1e-3
-
-
-def test_offset_of_two_metres_settles_within_thirty() -> None:
-    path = line_course(150.0)
-    lane = one_lane(5.0)
-    _, metrics, trace = roll_out_traced(RolloutSpec(500), path, lane, begin(path, lane, 2.0))
-    assert float(metrics.settling_m) < 30.0
-    way = 4.47 * 0.05 * np.arange(1, 501)
-    assert np.abs(np.asarray(trace.offset_m))[way > 30.0].max() < 0.10
-    np.testing.assert_allclose(trace.offset_m[0], 2.0, atol=1e-5)
-
-
-def test_courses_offsets_and_speeds_of_the_look_ahead_study_settle() -> None:
-    """Line and arcs of 20 m to both hands, 0 and ±3 m, 5 and 10 mph."""
-    speeds = jnp.asarray(np.repeat([2.235, 4.47], 3), jnp.float32)
-    offsets = jnp.asarray([0.0, 3.0, -3.0] * 2, jnp.float32)
-    zero = jnp.zeros(6, jnp.float32)
-    lane = one_lane(6.0, servo=ideal_servo(0.1, 0.5))._replace(speed_mps=speeds)
-    for path in (line_course(100.0), arc_course(20.0, 2 * np.pi), arc_course(20.0, 2 * np.pi, "right")):
-        _, metrics = roll_out(SPEC, path, lane, start_rollout(path, lane, zero, offsets, zero))
-        assert np.asarray(metrics.settling_m).max() < 30.0
-        assert np.asarray(metrics.unreachable_share).max() == 0.0
-        # From ±3 m the way there is ±3 m at the most: no side is overshot by more than a fifth.
-        assert np.asarray(metrics.largest_m)[[1, 2, 4, 5]].max() < 3.1
-
-
-def test_eight_is_followed_through_its_crossing() -> None:
-    path = eight_course(10.0)
-    lane = one_lane(5.0, servo=ideal_servo(0.1, 0.6))
-    _, metrics, trace = roll_out_traced(RolloutSpec(1200), path, lane, begin(path, lane, 0.0, 5.0))
-    assert float(metrics.largest_m) < 0.5
-    # The anchor swings out in curves, by √(1 + (5.03 m κ)²) of the way at the most: no branch was jumped to.
-    advance = np.diff(np.asarray(trace.arc_m)) / (4.47 * 0.05)
-    assert advance.min() > 0.95
-    assert advance.max() < 1.2
-
-
 def test_lane_law_is_the_exact_law() -> None:
     rng = np.random.default_rng(5)
-    count = 4000
+    count = 2000
 
     def draw(low: float, high: float) -> jax.Array:
         return jnp.asarray(rng.uniform(low, high, count), jnp.float32)
@@ -203,17 +148,6 @@ def test_lane_law_is_the_exact_law() -> None:
         )
 
 
-def test_unreachable_goals_are_counted() -> None:
-    path = arc_course(12.0, 2 * np.pi)
-    # The circle asks for 0.21 rad.
-    tight = one_lane(5.0, true=chassis(largest_rad=0.15))
-    _, metrics = roll_out(SPEC, path, tight, begin(path, tight))
-    assert float(metrics.unreachable_share) > 0.5
-    wide = one_lane(5.0, true=chassis(largest_rad=0.3))
-    _, metrics = roll_out(SPEC, path, wide, begin(path, wide))
-    assert float(metrics.unreachable_share) == 0.0
-
-
 def test_look_ahead_is_constant_linear_constant() -> None:
     schedule = LookAhead(jnp.float32(4.0), jnp.float32(10.0), jnp.float32(2.0), jnp.float32(5.0))
     speeds = jnp.asarray([0.0, 2.0, 3.0, 4.0, 5.0, 9.0, -4.0], jnp.float32)
@@ -224,19 +158,17 @@ def test_look_ahead_is_constant_linear_constant() -> None:
 def test_lanes_of_a_batch_are_lanes_by_themselves_and_under_vmap() -> None:
     path, _ = sine_curve()
     count, slots = 5, 3
-    lane = lanes(count)
-    lane = tree_map(lambda leaf: jnp.broadcast_to(leaf, (count,)), lane)
+    lane = tree_map(lambda leaf: jnp.broadcast_to(leaf, (count,)), lanes(count))
     start = begin_many(path, lane, count, delay_slots=slots)
-    spec = RolloutSpec(150, delay_slots=slots)
+    spec = RolloutSpec(60, delay_slots=slots)
     batch = roll_out(spec, path, lane, start)
     in_lanes = start._replace(servo=start.servo._replace(waiting_rad=start.servo.waiting_rad.T))
     mapped = jax.vmap(roll_out, in_axes=(None, None, 0, 0))(spec, path, lane, in_lanes)
     for one, other in zip(batch[1], mapped[1], strict=True):
         np.testing.assert_allclose(one, other, rtol=2e-4, atol=2e-5)
-    for number in range(count):
-        alone = roll_out(spec, path, *tree_map(lambda leaf, at=number: leaf[at], (lane, in_lanes)))
-        np.testing.assert_allclose(alone[0].x_m, batch[0].x_m[number], atol=2e-4)
-        np.testing.assert_allclose(alone[1].rms_m, batch[1].rms_m[number], rtol=2e-4)
+    alone = roll_out(spec, path, *tree_map(lambda leaf: leaf[3], (lane, in_lanes)))
+    np.testing.assert_allclose(alone[0].x_m, batch[0].x_m[3], atol=2e-4)
+    np.testing.assert_allclose(alone[1].rms_m, batch[1].rms_m[3], rtol=2e-4)
 
 
 def test_chunks_change_nothing_and_compile_once() -> None:
@@ -341,7 +273,6 @@ def test_gradients_are_those_of_finite_differences() -> None:
 
 
 def test_specs_that_cannot_run_are_refused() -> None:
-    with pytest.raises(ValueError, match="at least one step"):
-        RolloutSpec(0)
-    with pytest.raises(ValueError, match="positive time"):
-        RolloutSpec(10, step_s=0.0)
+    for steps, step_s in ((0, 0.05), (10, 0.0)):
+        with pytest.raises(ValueError, match=f"{steps}.*{step_s}"):
+            RolloutSpec(steps, step_s=step_s)

@@ -33,26 +33,17 @@ STEP_TO = np.full(100, 0.2)
 AFTER_S = STEP_S * np.arange(1, 101)
 
 
-def test_a_servo_without_parts_follows_at_once() -> None:
+def test_no_parts_follow_at_once_a_lag_is_the_exponential_and_a_rate_a_ramp() -> None:
     told = 0.3 * np.sin(np.arange(100) / 7.0)
     np.testing.assert_allclose(driven(told), np.stack([told, told]), atol=1e-7)
-
-
-def test_a_lag_is_the_exponential() -> None:
     np.testing.assert_allclose(driven(STEP_TO, lag_s=0.15)[1], 0.2 * (1.0 - np.exp(-AFTER_S / 0.15)), atol=1e-6)
-
-
-def test_a_lag_does_not_depend_on_the_step() -> None:
-    servo = ideal_servo(lag_s=0.15)
-    coarse = step_servo(init_servo(jnp.float32(0.0)), servo, jnp.float32(0.2), 1.0, 10 * STEP_S)
-    assert float(coarse.wheel_rad) == pytest.approx(driven(STEP_TO, lag_s=0.15)[1, 9], abs=1e-6)
-
-
-def test_a_rate_is_a_ramp() -> None:
     np.testing.assert_allclose(driven(STEP_TO, rate_radps=0.5)[1], np.minimum(0.5 * AFTER_S, 0.2), atol=1e-6)
+    # A lag does not depend on the step.
+    coarse = step_servo(init_servo(jnp.float32(0.0)), ideal_servo(lag_s=0.15), jnp.float32(0.2), 1.0, 10 * STEP_S)
+    assert float(coarse.wheel_rad) == pytest.approx(0.2 * (1.0 - np.exp(-0.1 / 0.15)), abs=1e-6)
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.03, 0.055, 0.12])
+@pytest.mark.parametrize("delay_s", [0.03, 0.055, 0.12])
 def test_a_delay_shifts_the_command_also_by_parts_of_a_step(delay_s: float) -> None:
     told = 0.1 * AFTER_S  # a ramp: shifted by a part of a step it has values of its own
     known_s = np.concatenate([[-1.0], AFTER_S])
@@ -65,8 +56,8 @@ def test_a_delay_shifts_the_command_also_by_parts_of_a_step(delay_s: float) -> N
 
 
 def test_a_dead_band_leaves_so_much_of_the_error_standing() -> None:
-    wheel = driven(np.repeat([0.004, 0.1, 0.097, -0.1], 50), dead_band_rad=0.005)[1]
-    np.testing.assert_allclose(wheel[[49, 99, 149, 199]], [0.0, 0.095, 0.095, -0.095], atol=1e-6)
+    wheel = driven(np.repeat([0.004, 0.1, 0.097, -0.1], 25), dead_band_rad=0.005)[1]
+    np.testing.assert_allclose(wheel[[24, 49, 74, 99]], [0.0, 0.095, 0.095, -0.095], atol=1e-6)
 
 
 def test_backlash_is_a_loop_as_wide_as_the_play() -> None:
@@ -81,10 +72,10 @@ def test_backlash_is_a_loop_as_wide_as_the_play() -> None:
 
 
 def test_left_is_faster_than_right_by_the_asymmetry() -> None:
-    left = driven(np.full(20, 1.0), rate_radps=0.5, asymmetry=0.2)[1, -1]
-    right = driven(np.full(20, -1.0), rate_radps=0.5, asymmetry=0.2)[1, -1]
-    assert left == pytest.approx(0.5 * 1.2 * 0.2, rel=1e-5)
-    assert right == pytest.approx(-0.5 * 0.8 * 0.2, rel=1e-5)
+    left = driven(np.full(100, 9.0), rate_radps=0.5, asymmetry=0.2)[1, -1]
+    right = driven(np.full(100, -9.0), rate_radps=0.5, asymmetry=0.2)[1, -1]
+    assert left == pytest.approx(0.5 * 1.2, rel=1e-5)
+    assert right == pytest.approx(-0.5 * 0.8, rel=1e-5)
 
 
 def test_less_torque_is_a_slower_rate_and_a_longer_lag() -> None:
@@ -92,9 +83,9 @@ def test_less_torque_is_a_slower_rate_and_a_longer_lag() -> None:
     np.testing.assert_allclose(driven(STEP_TO, 0.5, lag_s=0.15), driven(STEP_TO, lag_s=0.3), atol=1e-6)
 
 
-@pytest.mark.parametrize("parts", [{}, {"lag_s": 0.15}, {"rate_radps": 0.5}, {"lag_s": 0.15, "rate_radps": 0.5}])
-def test_without_torque_nothing_moves(parts: dict[str, float]) -> None:
-    assert (driven(STEP_TO, 0.0, **parts) == 0.0).all()
+def test_without_torque_nothing_moves() -> None:
+    for parts in ({}, {"lag_s": 0.15}, {"lag_s": 0.15, "rate_radps": 0.5}):
+        assert (driven(STEP_TO, 0.0, **parts) == 0.0).all()
 
 
 def test_torque_falls_from_nominal_to_stall() -> None:
@@ -124,13 +115,13 @@ def simulate_plainly(told: Float[np.ndarray, " step"], share: float) -> Float[np
 
 @pytest.mark.parametrize("share", [1.0, 0.6])
 def test_all_parts_together_are_the_plain_simulation(share: float) -> None:
-    told = 0.25 * np.sign(np.sin(2.0 * np.pi * np.arange(800) / 260.0)) + 0.02 * np.sin(np.arange(800) / 9.0)
+    told = 0.25 * np.sign(np.sin(2.0 * np.pi * np.arange(400) / 260.0)) + 0.02 * np.sin(np.arange(400) / 9.0)
     found = driven(told, share, asymmetry=0.1, **ALL)[1]
     np.testing.assert_allclose(found, simulate_plainly(told, share), atol=2e-6)
 
 
 def test_the_derivative_by_every_part_is_finite_and_right() -> None:
-    told = 0.25 * np.sign(np.sin(2.0 * np.pi * np.arange(300) / 130.0))
+    told = 0.25 * np.sign(np.sin(2.0 * np.pi * np.arange(400) / 130.0))
     servo = ideal_servo()._replace(**{name: jnp.float32(value) for name, value in ALL.items()})
 
     def way(servo: Servo) -> Float[Array, ""]:
@@ -144,7 +135,7 @@ def test_the_derivative_by_every_part_is_finite_and_right() -> None:
 
 
 def test_neutral_values_have_finite_derivatives() -> None:
-    slope = jax.grad(lambda servo: jnp.sum(run(servo, jnp.full(20, 0.1, jnp.float32), jnp.float32(1.0))))(
+    slope = jax.grad(lambda servo: jnp.sum(run(servo, jnp.full(400, 0.1, jnp.float32), jnp.float32(1.0))))(
         ideal_servo(lag_s=0.1, rate_radps=5.0)
     )
     assert all(np.isfinite(np.asarray(part)) for part in slope)
