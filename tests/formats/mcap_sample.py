@@ -116,11 +116,8 @@ def curved_fixes(
 HEADER = """\
 ================================================================================
 MSG: std_msgs/Header
-# Standard metadata for higher-level stamped data types.
 # Two-integer timestamp that is expressed as seconds and nanoseconds.
 builtin_interfaces/Time stamp
-
-# Transform frame with which this data is associated.
 string frame_id
 ================================================================================
 MSG: builtin_interfaces/Time
@@ -130,8 +127,6 @@ uint32 nanosec
 NAV_SAT_FIX = f"""\
 # Navigation Satellite fix for any Global Navigation Satellite System
 std_msgs/Header header
-
-# Satellite fix status information.
 NavSatStatus status
 
 # Latitude [degrees]. Positive is north of equator; negative is south.
@@ -288,25 +283,12 @@ float64[] velocity
 float64[] effort
 {HEADER}"""
 BATTERY_STATE = f"""\
-# Constants are chosen to match the enums in the linux kernel
 uint8 POWER_SUPPLY_STATUS_UNKNOWN = 0
-uint8 POWER_SUPPLY_STATUS_CHARGING = 1
 
 std_msgs/Header  header
 float32 voltage          # Voltage in Volts (Mandatory)
-float32 temperature
-float32 current
-float32 charge
-float32 capacity
-float32 design_capacity
-float32 percentage
-uint8   power_supply_status
-uint8   power_supply_health
-uint8   power_supply_technology
 bool    present
 float32[] cell_voltage
-float32[] cell_temperature
-string location
 string serial_number
 {HEADER}"""
 ACKERMANN = f"""\
@@ -316,10 +298,7 @@ AckermannDrive  drive
 MSG: ackermann_msgs/AckermannDrive
 # The steering_angle is positive to the left
 float32 steering_angle
-float32 steering_angle_velocity
 float32 speed
-float32 acceleration
-float32 jerk
 {HEADER}"""
 
 READ_ONLY = {

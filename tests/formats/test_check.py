@@ -4,31 +4,17 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pytest
 
 from canon.map import write_made_map
 from formats.samples import write_drive
 from lgprjax.errors import InputError
 from lgprjax.formats import MAP_PRECISIONS, DriveLog, check_file
-
-_VEHICLE = """
-schema = "lgprjax.vehicle"
-schema_version = "1.0"
-name = "test vehicle"
-steering_kind = "counter_steer"
-[chassis]
-wheelbase_m = 3.3
-[steering]
-rear_ratio = 0.63
-"""
+from refusals import refused
 
 
-def test_good_drive_has_no_findings(tmp_path: Path) -> None:
-    assert check_file(write_drive(tmp_path / "a.drive.h5")) == []
-
-
-def test_every_problem_is_reported_in_one_go(tmp_path: Path) -> None:
+def test_every_problem_of_a_drive_is_reported_in_one_go(tmp_path: Path) -> None:
     path = write_drive(tmp_path / "a.drive.h5")
+    assert check_file(path) == []
     with h5py.File(path, "r+") as store:
         store["/radar/time_s"][2] = 0.0
         store["/radar/traces"].attrs["sample_interval_ns"] = -1.0
@@ -49,7 +35,8 @@ def test_non_finite_traces_are_a_warning(tmp_path: Path) -> None:
     traces[1900, 3, 7:9] = np.nan
     (finding,) = check_file(write_drive(tmp_path / "a.drive.h5", traces))
     assert (finding.place, finding.severity) == ("/radar/traces", "warning")
-    assert finding.found == f"2 of {traces.size} values otherwise, the first at index {(1900 * 11 + 3) * 200 + 7}"
+    for number in (2, traces.size, (1900 * 11 + 3) * 200 + 7):
+        assert str(number) in finding.found
     assert str(finding).startswith("warning: ")
 
 
@@ -61,7 +48,7 @@ def test_damaged_data_are_found(tmp_path: Path) -> None:
         stream.seek(chunk.byte_offset)
         stream.write(b"\xff" * chunk.size)
     (finding,) = check_file(path)
-    assert (finding.place, finding.expected) == ("/radar/traces", "readable data")
+    assert (finding.place, finding.severity) == ("/radar/traces", "error")
 
 
 def test_random_damage_is_found_or_harmless(tmp_path: Path) -> None:
@@ -69,7 +56,7 @@ def test_random_damage_is_found_or_harmless(tmp_path: Path) -> None:
     whole = path.read_bytes()
     rng = np.random.default_rng(5)
     noticed = 0
-    for _ in range(80):
+    for _ in range(24):
         damaged = np.frombuffer(whole, np.uint8).copy()
         damaged[rng.integers(0, len(whole), 4)] = rng.integers(0, 256, 4)
         path.write_bytes(damaged.tobytes())
@@ -79,30 +66,25 @@ def test_random_damage_is_found_or_harmless(tmp_path: Path) -> None:
         except InputError:
             noticed += len(check_file(path)) > 0
     # All of the structure is under checksums; only bytes of small arrays can change unseen.
-    assert noticed > 70
+    assert noticed > 20
 
 
-@pytest.mark.parametrize("content", [b"", b"not HDF5", b"\x89HDF\r\n\x1a\n" + bytes(40), None])
-@pytest.mark.parametrize("suffix", [".drive.h5", ".map.h5", ".fixes.h5"])
-def test_what_is_no_hdf5_is_one_finding(tmp_path: Path, suffix: str, content: bytes | None) -> None:
-    path = tmp_path / f"a{suffix}"
-    if content is not None:
-        path.write_bytes(content)
-    (finding,) = check_file(path)
-    assert (finding.place, finding.severity) == ("file", "error")
+def test_what_is_no_hdf5_is_one_finding(tmp_path: Path) -> None:
+    for suffix in (".drive.h5", ".map.h5", ".fixes.h5"):
+        path = tmp_path / f"a{suffix}"
+        for content in (None, b"", b"not HDF5", b"\x89HDF\r\n\x1a\n" + bytes(40)):
+            if content is not None:
+                path.write_bytes(content)
+            (finding,) = check_file(path)
+            assert (finding.place, finding.severity) == ("file", "error")
 
 
-@pytest.mark.parametrize(("version", "count"), [("1.9", 0), ("2.0", 1), ("1", 1)])
-def test_version(tmp_path: Path, version: str, count: int) -> None:
+def test_only_a_newer_major_version_is_a_problem(tmp_path: Path) -> None:
     path = write_drive(tmp_path / "a.drive.h5")
-    with h5py.File(path, "r+") as store:
-        store.attrs["schema_version"] = version
-    assert len(check_file(path)) == count
-
-
-def test_unknown_suffix(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"file name: expected a suffix among \.drive\.h5"):
-        check_file(tmp_path / "a.sgy")
+    for version, count in (("1.0", 0), ("1.99", 0), ("2.0", 1), ("1", 1)):
+        with h5py.File(path, "r+") as store:
+            store.attrs["schema_version"] = version
+        assert len(check_file(path)) == count, version
 
 
 def test_a_file_of_another_name_is_what_it_says_that_it_is(tmp_path: Path) -> None:
@@ -113,19 +95,16 @@ def test_a_file_of_another_name_is_what_it_says_that_it_is(tmp_path: Path) -> No
     assert check_file(path)[0].file == str(path)
     with h5py.File(path, "r+") as store:
         store.attrs["schema"] = "somebody.else"
-    with pytest.raises(InputError, match="file name: expected a suffix among"):
+    with refused("file name", ".drive.h5", "mine.h5"):
         check_file(path)
+    with refused("file name", ".drive.h5", "a.sgy"):
+        check_file(tmp_path / "a.sgy")
 
 
-@pytest.mark.parametrize("precision", ["full", "standard"])
-def test_good_map_has_no_findings(tmp_path: Path, precision: str) -> None:
-    write_made_map(tmp_path / "a.map.h5", MAP_PRECISIONS[precision], stations=300)
-    assert check_file(tmp_path / "a.map.h5") == []
-
-
-def test_map_with_problems(tmp_path: Path) -> None:
+def test_a_good_map_has_no_findings_and_a_bad_one_all(tmp_path: Path) -> None:
     path = tmp_path / "a.map.h5"
     write_made_map(path, MAP_PRECISIONS["full"], stations=300)
+    assert check_file(path) == []
     with h5py.File(path, "r+") as store:
         store["/baselines/traces"][0, 1, 1] = np.nan
         store["/gain"][0] = np.nan
@@ -137,7 +116,7 @@ def test_map_with_problems(tmp_path: Path) -> None:
     assert findings["/baselines/traces"].severity == "error"
 
 
-def test_map_of_half_a_form_is_no_map(tmp_path: Path) -> None:
+def test_a_map_of_half_a_form_is_no_map(tmp_path: Path) -> None:
     """Codes need what explains them, places the stretches; traces in two forms are one too many."""
     path = tmp_path / "a.map.h5"
     write_made_map(path, MAP_PRECISIONS["standard"], stations=300)
@@ -147,32 +126,3 @@ def test_map_of_half_a_form_is_no_map(tmp_path: Path) -> None:
         traces.attrs["unit"] = ""
     places = {finding.place for finding in check_file(path)}
     assert places == {"/code/basis", "/stretches", "/baselines/traces or /baselines/codes"}
-
-
-def test_vehicle(tmp_path: Path) -> None:
-    path = tmp_path / "a.vehicle.toml"
-    path.write_text(_VEHICLE)
-    assert check_file(path) == []
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("3.3", "-3.3", "chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found -3.3"),
-        ("3.3", '"long"', "chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found 'long'"),
-        ("3.3", "true", "chassis.wheelbase_m: expected a number, finite, from 0.1 to 20, found True"),
-        ("3.3", "nan", "from 0.1 to 20, found nan"),
-        ("0.63", "1.63", "steering.rear_ratio: expected a number, finite, zero or more, from 0 to 1, found 1.63"),
-        ("wheelbase_m", "wheel_base_m", "chassis.wheel_base_m: expected a key of data_schema/vehicle.toml"),
-        ("counter_steer", "crab", "steering_kind: expected a text, one of counter_steer, skid_steer, found 'crab'"),
-        ('name = "test vehicle"', "", "name: expected a text, found none"),
-        ('"1.0"', '"3.0"', "@schema_version: expected version 1.x or older (update lgprjax), found 3.0"),
-        ("lgprjax.vehicle", "lgprjax.drive", "@schema: expected lgprjax.vehicle, found 'lgprjax.drive'"),
-        ("[steering]", "[steering", "file: expected TOML, found"),
-    ],
-)
-def test_vehicle_with_a_problem(tmp_path: Path, old: str, new: str, words: str) -> None:
-    path = tmp_path / "a.vehicle.toml"
-    path.write_text(_VEHICLE.replace(old, new))
-    (finding,) = check_file(path)
-    assert words in str(finding)

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pytest
 
 from formats.samples import make_description, write_drive
-from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, DriveWriter, SweepRecording, check_file
+from refusals import refused
 
 
 def _sweeps(scans: int = 5) -> np.ndarray:
@@ -24,7 +23,7 @@ def test_sweeps_round_trip(tmp_path: Path) -> None:
     description = make_description(sweeps=True)
     with DriveWriter.create(path, description, channels=3, dtype=np.complex64) as writer:
         writer.append_sweeps(np.arange(5.0), sweeps, sweeps[:, 0], known)
-        with pytest.raises(InputError, match="expected stepped-frequency sweeps, found traces"):
+        with refused("/radar/sweeps"):
             writer.append(np.array([9.0]), np.zeros((1, 3, 8)))
     with DriveLog.open(path) as log:
         found, calibration, valid = log.read_sweeps(1, 4)
@@ -33,7 +32,7 @@ def test_sweeps_round_trip(tmp_path: Path) -> None:
         np.testing.assert_array_equal(valid, known[1:4])
         assert log.samples == 8
         assert log.non_finite_scans == 0
-        with pytest.raises(InputError, match="expected traces, found stepped-frequency sweeps"):
+        with refused("/radar/traces", file=path):
             log.read_traces(0, 1)
 
 
@@ -71,7 +70,7 @@ def test_channel_responses_come_back(tmp_path: Path) -> None:
         assert found.group_delay_ns == 12.5
         np.testing.assert_array_equal(found.response.gain, gain)
         np.testing.assert_array_equal(found.response.delay_ns, delay_ns)
-    with pytest.raises(InputError, match=r"/radar/channel_gain: expected values above zero, found 1 of 3"):
+    with refused("/radar/channel_gain", "1 of 3"):
         DriveWriter.create(
             tmp_path / "b.drive.h5",
             replace(plain, recording=replace(recording, channel_gain=gain * [1, 0, 1])),
@@ -101,7 +100,7 @@ def test_logs_of_version_1_0_are_read(tmp_path: Path) -> None:
 
 def test_traces_are_no_sweeps(tmp_path: Path) -> None:
     with DriveLog.open(write_drive(tmp_path / "a.drive.h5")) as log:
-        with pytest.raises(InputError, match="expected stepped-frequency sweeps, found traces"):
+        with refused("/radar/sweeps"):
             log.read_sweeps(0, 1)
-        with pytest.raises(InputError, match="expected a range within 0 to 6, found 4 to 7"):
+        with refused("scans", "0 to 6", found="4 to 7"):
             log.read_traces(4, 7)

@@ -53,10 +53,17 @@ def _transforms(messages: list[tuple[int, SimpleNamespace]]) -> tuple[np.ndarray
     return place, turn, {(one.header.frame_id, one.child_frame_id) for one in each}
 
 
-def test_without_fixes_the_vehicle_moves_by_its_navigation(tmp_path: Path) -> None:
-    write_curved(tmp_path / "a.drive.h5")
-    export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap")
-    found, track = decoded(tmp_path / "a.mcap"), curved_description().navigation
+@pytest.fixture(scope="module")
+def curved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, np.ndarray]:
+    """The curved drive and its recording, with what was written."""
+    folder = tmp_path_factory.mktemp("curved")
+    signal, valid = write_curved(folder / "a.drive.h5")
+    export_mcap(folder / "a.drive.h5", folder / "a.mcap")
+    return folder, signal, valid
+
+
+def test_without_fixes_the_vehicle_moves_by_its_navigation(curved: tuple[Path, np.ndarray, np.ndarray]) -> None:
+    found, track = decoded(curved[0] / "a.mcap"), curved_description().navigation
     place, turn, frames = _transforms(found["/tf"])
     assert frames == {("map", "base_link")}
     anchor = (float(track.latitude_deg[0]), float(track.longitude_deg[0]), float(track.height_m[0]))
@@ -74,21 +81,19 @@ def test_without_fixes_the_vehicle_moves_by_its_navigation(tmp_path: Path) -> No
     np.testing.assert_allclose(straight.as_matrix()[0], np.eye(3), atol=1e-12)
 
 
-def test_fixes_that_are_ok_place_the_array_where_they_say(tmp_path: Path) -> None:
+def test_fixes_that_are_ok_place_the_array_where_they_say(
+    curved: tuple[Path, np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
     """The chain of both transforms leads to the fix; where no fix is ok there is no transform."""
-    write_curved(tmp_path / "a.drive.h5")
     path, _, _ = curved_fixes(tmp_path)
-    export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap", fixes=path)
+    export_mcap(curved[0] / "a.drive.h5", tmp_path / "a.mcap", fixes=path)
     found, table = decoded(tmp_path / "a.mcap"), read_fixes(path)
     ok = table[table["code"] == "ok"]
     place, turn, frames = _transforms(found["/tf"])
     assert (frames, len(place)) == ({("map", "base_link")}, SCANS // 3)
     assert [ns for ns, _ in found["/tf"]] == [ns for ns, _ in found["/lgpr/pose"]]
-    anchor = (
-        float(table.attrs["anchor_latitude_deg"]),
-        float(table.attrs["anchor_longitude_deg"]),
-        float(table.attrs["anchor_height_m"]),
-    )
+    names = ("anchor_latitude_deg", "anchor_longitude_deg", "anchor_height_m")
+    anchor = (float(table.attrs[names[0]]), float(table.attrs[names[1]]), float(table.attrs[names[2]]))
     array_m = place + turn.apply(_transforms(found["/tf_static"])[0][0])
     latitude, longitude, height = (ok[name].to_numpy() for name in ("latitude_deg", "longitude_deg", "height_m"))
     due_m = _enu_m(latitude, longitude, height, anchor)
@@ -116,11 +121,10 @@ def _background_removed(traces: np.ndarray, half: int) -> np.ndarray:
     return np.asarray(dewowed - np.nanmean(dewowed, axis=0))
 
 
-def test_pixels_are_the_samples_of_the_middle_channel(tmp_path: Path) -> None:
+def test_pixels_are_the_samples_of_the_middle_channel(curved: tuple[Path, np.ndarray, np.ndarray]) -> None:
     """Each row is the background-removed samples of one travel time, times a factor that does not fall."""
-    signal, valid = write_curved(tmp_path / "a.drive.h5")
-    export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap")
-    (first_ns, last_ns), (first, last) = _images(tmp_path / "a.mcap")
+    folder, signal, valid = curved
+    (first_ns, last_ns), (first, last) = _images(folder / "a.mcap")
     # The drive reverses after two seconds: 200 scans of 300 lead on.
     assert last_ns - first_ns == (199 - 127) * 10**7
     assert first.shape == last.shape == (SAMPLES, 200)
@@ -168,36 +172,30 @@ def test_images_of_a_long_drive_stay_small(tmp_path: Path) -> None:
     assert set(np.argsort(strength)[-2:]) == {382, 383}
 
 
+def _exported_sweeps(folder: Path, frequencies_hz: np.ndarray, sweeps: np.ndarray, calibration: np.ndarray) -> Path:
+    """A recording of sweeps by one antenna, whose look-up is the same at every frequency."""
+    lookup = np.full((1, len(frequencies_hz)), 0.3 + 0.1j, np.complex64)
+    recording = SweepRecording(frequencies_hz, lookup, np.ones(len(frequencies_hz), np.complex64))
+    heard = (sweeps + lookup * calibration).astype(np.complex64)[:, None]
+    drive = folder / f"{len(frequencies_hz)}.drive.h5"
+    with DriveWriter.create(drive, _described(recording, 1, len(sweeps)), channels=1, dtype=np.complex64) as writer:
+        writer.append_sweeps(np.arange(len(sweeps)) / 100.0, heard, calibration)
+    export_mcap(drive, drive.with_suffix(".mcap"))
+    return drive.with_suffix(".mcap")
+
+
 def test_sweeps_become_traces_by_the_inverse_transform(tmp_path: Path) -> None:
     """One reflector that sinks from 10 to 30 ns: the strongest pixel of each column follows it."""
-    scans = 200
-    frequencies_hz = np.arange(100e6, 401e6, 2e6)
-    echo_ns = np.linspace(10.0, 30.0, scans)
-    lookup = np.full((1, len(frequencies_hz)), 0.3 + 0.1j, np.complex64)
-    calibration = np.full((scans, len(frequencies_hz)), 1.5 - 0.5j, np.complex64)
+    frequencies_hz, echo_ns = np.arange(100e6, 401e6, 2e6), np.linspace(10.0, 30.0, 200)
+    calibration = np.full((200, len(frequencies_hz)), 1.5 - 0.5j, np.complex64)
     sweeps = np.exp(-2e-9j * np.pi * np.outer(echo_ns, frequencies_hz)) * calibration
-    sweeps = (sweeps + lookup * calibration).astype(np.complex64)[:, None]
-    recording = SweepRecording(frequencies_hz, lookup, np.ones(len(frequencies_hz), np.complex64))
-    with DriveWriter.create(
-        tmp_path / "s.drive.h5", _described(recording, 1, scans), channels=1, dtype=np.complex64
-    ) as writer:
-        writer.append_sweeps(np.arange(scans) / 100.0, sweeps, calibration)
-    export_mcap(tmp_path / "s.drive.h5", tmp_path / "s.mcap")
-    image = _images(tmp_path / "s.mcap")[1][-1].astype(float) - 128.0
+    image = _images(_exported_sweeps(tmp_path, frequencies_hz, sweeps, calibration))[1][-1].astype(float) - 128.0
     # Up to fifteen periods of 250 MHz, 60 ns.
     found_ns = np.argmax(np.abs(image), axis=0) * 60.0 / len(image)
     assert np.median(np.abs(found_ns - echo_ns)) < 1.0
     assert np.corrcoef(found_ns, echo_ns)[0, 1] > 0.95
-
-
-def test_sweeps_in_unequal_steps_have_no_radargram(tmp_path: Path) -> None:
-    frequencies_hz = np.array([100e6, 130e6, 140e6, 200e6, 215e6])
-    lookup = np.ones((1, 5), np.complex64)
-    description = _described(SweepRecording(frequencies_hz, lookup, lookup[0]), 1, 20)
-    with DriveWriter.create(tmp_path / "u.drive.h5", description, channels=1, dtype=np.complex64) as writer:
-        ones = np.ones((20, 1, 5), np.complex64)
-        writer.append_sweeps(np.arange(20) / 100.0, ones, ones[:, 0])
-    export_mcap(tmp_path / "u.drive.h5", tmp_path / "u.mcap")
-    found = decoded(tmp_path / "u.mcap")
+    # Sweeps in unequal steps have no radargram.
+    unequal_hz, ones = np.array([100e6, 130e6, 140e6, 200e6, 215e6]), np.ones((20, 5), np.complex64)
+    found = decoded(_exported_sweeps(tmp_path, unequal_hz, ones, ones))
     assert len(found["/gpr/scan"]) == 20
     assert "/gpr/radargram" not in found

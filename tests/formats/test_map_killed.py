@@ -13,7 +13,7 @@ import numpy as np
 from canon.map import write_made_map
 from lgprjax.formats import MAP_PRECISIONS, MapFile, check_file, locked_map
 
-KILLS = 20
+KILLS = 6
 
 # Writes the map anew again and again, as an update does: a scratch map, then the map itself. Forks, because to start
 # Python for each of the kills takes longer than all the writing.
@@ -52,10 +52,10 @@ def rounds_of(target: Path) -> int:
         return int(str(source.provenance.get("rounds", 0)))
 
 
-def test_killed_at_twenty_moments(tmp_path: Path) -> None:
+def test_killed_at_random_moments(tmp_path: Path) -> None:
     target = tmp_path / "road.map.h5"
-    write_made_map(target, MAP_PRECISIONS["standard"], 700)
-    every = np.arange(0, 1400, 50)
+    write_made_map(target, MAP_PRECISIONS["standard"], 300)
+    every = np.arange(0, 600, 50)
     with MapFile.open(target) as source:
         pose, traces = source.pose, source.read_stations(every).profile
     rng = random.Random(5)
@@ -99,6 +99,5 @@ def test_killed_at_twenty_moments(tmp_path: Path) -> None:
         process.stdin.close()
         process.wait(timeout=20)
         process.stdout.close()
-    print(f"{rounds} rounds, remains after {with_remains} of {KILLS} kills")
     assert rounds > 3
-    assert with_remains > 3
+    assert with_remains > 1

@@ -1,19 +1,16 @@
 """Recordings that were cut, damaged or are none, and long ones: what is whole comes in, in little memory."""
 
-import subprocess
-import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from formats.mcap_sample import rover_messages, write_recording
-from formats.samples import make_description, make_track
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog, DriveWriter, OdometryTrack, UniformArray, check_file, export_mcap, import_mcap
+from lgprjax.formats import DriveLog, UniformArray, check_file, import_mcap
+from refusals import refused
 
-_PITCH = UniformArray(0.2, 0.5, 0.15)
+PITCH = UniformArray(0.2, 0.5, 0.15)
 
 
 @pytest.fixture(scope="module")
@@ -31,15 +28,15 @@ def _rows_of(path: Path) -> np.ndarray:
         return log.read_stored(0, log.scans)[0]
 
 
-@pytest.mark.parametrize("share", [0.3, 0.55, 0.9, 0.999])
+@pytest.mark.parametrize("share", [0.3, 0.999])
 def test_a_killed_recorder_loses_only_what_is_not_whole(
     curved: tuple[Path, np.ndarray], share: float, tmp_path: Path
 ) -> None:
     path, signal = curved
     data = path.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: int(share * len(data))])
-    imported = import_mcap(tmp_path / "cut.mcap", array=_PITCH, output=tmp_path / "cut.drive.h5")
-    assert any("ends too early or is damaged" in note for note in imported.notes)
+    imported = import_mcap(tmp_path / "cut.mcap", array=PITCH, output=tmp_path / "cut.drive.h5")
+    assert len(imported.notes) >= 1
     stored = _rows_of(tmp_path / "cut.drive.h5")
     np.testing.assert_array_equal(stored, signal[: len(stored)])
     assert len(stored) >= (share - 0.25) * len(signal)
@@ -55,8 +52,8 @@ def test_a_damaged_chunk_costs_its_own_messages(curved: tuple[Path, np.ndarray],
         damaged = bytearray(data)
         damaged[at] ^= 0xFF
         (tmp_path / f"{name}.mcap").write_bytes(damaged)
-        imported = import_mcap(tmp_path / f"{name}.mcap", array=_PITCH, output=tmp_path / f"{name}.drive.h5")
-        assert any("damaged" in note for note in imported.notes)
+        imported = import_mcap(tmp_path / f"{name}.mcap", array=PITCH, output=tmp_path / f"{name}.drive.h5")
+        assert len(imported.notes) >= 1
         stored = _rows_of(tmp_path / f"{name}.drive.h5")
         assert len(signal) * 0.7 < len(stored) < len(signal)
         # What is left are scans of before and of after the damage, in their order.
@@ -66,61 +63,38 @@ def test_a_damaged_chunk_costs_its_own_messages(curved: tuple[Path, np.ndarray],
         assert place[-1] == len(signal) - 1
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(1, 40))])
-def test_changed_bytes_are_one_line_or_a_drive(seed: int, tmp_path: Path) -> None:
+def try_changed_bytes(seed: int, times: int, folder: Path) -> None:
     """Whatever bytes come, the drive is sound or there is none; nothing is left half-written."""
-    path = write_recording(tmp_path / "x.mcap", rover_messages(20), chunk_size=2048)
+    path = write_recording(folder / "x.mcap", rover_messages(20), chunk_size=2048)
     data, rng = path.read_bytes(), np.random.default_rng(seed)
-    told: list[str] = []
-    for _ in range(40):
+    told = 0
+    for _ in range(times):
         changed_data = bytearray(data)
         for at in rng.integers(0, len(data), int(rng.integers(1, 6))):
             changed_data[at] = int(rng.integers(0, 256))
         if rng.random() < 0.3:
             first, last = sorted(rng.integers(0, len(data), 2))
             del changed_data[first : min(last, first + 300)]
-        (tmp_path / "x.mcap").write_bytes(changed_data)
+        path.write_bytes(changed_data)
         try:
-            import_mcap(tmp_path / "x.mcap", array=_PITCH, output=tmp_path / "x.drive.h5", force=True)
-        except InputError as error:
-            told.append(str(error))
+            import_mcap(path, array=PITCH, output=folder / "x.drive.h5", force=True)
+        except InputError:
+            told += 1
         else:
-            assert [each for each in check_file(tmp_path / "x.drive.h5") if each.severity == "error"] == []
-        assert {each.name for each in tmp_path.iterdir()} <= {"x.mcap", "x.drive.h5"}
-    assert len(told) < 40
-    assert not [line for line in told if "\n" in line]
+            assert [each for each in check_file(folder / "x.drive.h5") if each.severity == "error"] == []
+        assert {each.name for each in folder.iterdir()} <= {"x.mcap", "x.drive.h5"}
+    assert told < times
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"GIF89a" * 40, b"\x89MCAP0\r\n" * 9])
-def test_files_that_hold_no_recording(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "x.mcap").write_bytes(content)
-    with pytest.raises(InputError, match=r"x\.mcap: (file|topics): expected"):
-        import_mcap(tmp_path / "x.mcap", output=tmp_path / "x.drive.h5")
-    with pytest.raises(InputError, match="readable file"):
-        import_mcap(tmp_path / "none.mcap", output=tmp_path / "x.drive.h5")
+def test_changed_bytes_are_refused_or_a_drive(tmp_path: Path) -> None:
+    """Forty seeds of it: ``make validation NAME=damage``."""
+    try_changed_bytes(0, 20, tmp_path)
 
 
-@pytest.mark.campaign
-def test_memory_does_not_grow_with_the_drive(tmp_path: Path) -> None:
-    """Fifty MB more of scans, and a process that imports them needs no more."""
-    peaks_kib, block = [], np.random.default_rng(1).integers(0, 256, (1000, 11, 369), dtype=np.uint8)
-    for scans in (3000, 15000):
-        time_s = np.arange(0.0, scans / 126.0 + 0.5, 0.5)
-        description = replace(
-            make_description(channels=11, samples=369),
-            navigation=make_track(len(time_s)),
-            odometry=OdometryTrack(time_s, time_s),
-        )
-        with DriveWriter.create(tmp_path / "a.drive.h5", description, channels=11, dtype=np.uint8) as writer:
-            for first in range(0, scans, len(block)):
-                writer.append(np.arange(first, first + len(block)) / 126.0, block)
-        export_mcap(tmp_path / "a.drive.h5", tmp_path / "a.mcap", force=True)
-        paths = f"{str(tmp_path / 'a.mcap')!r}, output={str(tmp_path / 'b.drive.h5')!r}"
-        code = (
-            f"import resource; from lgprjax.formats import import_mcap; import_mcap({paths}, force=True); "
-            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
-        )
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-        peaks_kib.append(int(done.stdout))
-        (tmp_path / "a.drive.h5").unlink()
-    assert peaks_kib[1] < peaks_kib[0] + 12000
+def test_files_that_hold_no_recording_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    for content, place in ((None, "file"), (b"", "file"), (b"GIF89a" * 40, "file"), (b"\x89MCAP0\r\n" * 9, "topics")):
+        if content is not None:
+            path.write_bytes(content)
+        with refused(place, file=path):
+            import_mcap(path, output=tmp_path / "x.drive.h5")

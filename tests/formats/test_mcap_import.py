@@ -1,5 +1,6 @@
 """Recordings of a ROS 2 user's robot as drives: topics, clocks, covariances, damage."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,8 @@ from formats.mcap_sample import (
     scan_of,
     write_recording,
 )
-from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, McapAssumed, McapTopics, TraceRecording, UniformArray, check_file, import_mcap
+from refusals import refused
 
 _PITCH = UniformArray(0.2, 0.5, 0.15)
 _Edit = Callable[[list[Message]], list[Message]]
@@ -37,12 +38,13 @@ def _imported(folder: Path, messages: list[Message], **options: Any) -> tuple[Dr
     return DriveLog.open(folder / "rover.drive.h5"), imported.notes
 
 
-def _refused(folder: Path, messages: list[Message], **options: Any) -> str:
-    path, told = write_recording(folder / "rover.mcap", messages), {"array": _PITCH, **options}
-    with pytest.raises(InputError) as error:
+def _check_refused(
+    folder: Path, messages: list[Message], place: str, *values: object, options: dict[str, Any] | None = None
+) -> None:
+    path, told = write_recording(folder / "rover.mcap", messages), {"array": _PITCH, **(options or {})}
+    with refused(place, *values, file=path):
         import_mcap(path, output=folder / "x.drive.h5", **told)
     assert not list(folder.glob("*x.drive*"))
-    return str(error.value)
 
 
 def _column(values: np.ndarray | None) -> np.ndarray:
@@ -84,26 +86,23 @@ def test_a_rover_of_any_make(tmp_path: Path) -> None:
     }
 
 
-def test_reversing_is_negative_travel(tmp_path: Path) -> None:
+def test_an_odometers_places_and_speeds_become_travel(tmp_path: Path) -> None:
+    """Reversing is negative travel; where only speeds are told they are summed."""
+
     def back(number: int, _: dict[str, Any]) -> dict[str, Any]:
-        along = 0.1 * min(number, 24 - number)
-        return odometry_of(number / 10.0, along)
+        return odometry_of(number / 10.0, 0.1 * min(number, 24 - number))
+
+    def speed(number: int, _: dict[str, Any]) -> dict[str, Any]:
+        return odometry_of(number / 10.0, 0.0, speed_mps=2.0 - number / 10.0)
 
     log, _ = _imported(tmp_path, changed(rover_messages(), "/rover/odom", back))
     with log:
         odometry = log.description.odometry
-        np.testing.assert_allclose(odometry.distance_m[12], 1.2, atol=1e-9)
-        np.testing.assert_allclose(odometry.distance_m[24], 0.0, atol=1e-9)
-
-
-def test_an_odometer_that_tells_only_speeds(tmp_path: Path) -> None:
-    def speed(number: int, _: dict[str, Any]) -> dict[str, Any]:
-        return odometry_of(number / 10.0, 0.0, speed_mps=2.0 - number / 10.0)
-
+    np.testing.assert_allclose(odometry.distance_m[[12, 24]], [1.2, 0.0], atol=1e-9)
     log, _ = _imported(tmp_path, changed(rover_messages(), "/rover/odom", speed))
     with log:
         odometry = log.description.odometry
-        np.testing.assert_allclose(odometry.distance_m, 2.0 * odometry.time_s - odometry.time_s**2 / 2.0, atol=1e-9)
+    np.testing.assert_allclose(odometry.distance_m, 2.0 * odometry.time_s - odometry.time_s**2 / 2.0, atol=1e-9)
 
 
 def test_stamps_count_not_the_order_nor_the_time_of_recording(tmp_path: Path) -> None:
@@ -125,10 +124,9 @@ def test_stamps_count_not_the_order_nor_the_time_of_recording(tmp_path: Path) ->
         }
         stored, _, _ = log.read_stored(0, 50)
         assert [scan.tobytes() for scan in stored] == [due[ns] for ns in sorted(due)]
-    assert notes == (
-        "/rover/gpr: left out 1 messages without a stamp, 1 messages of a stamp that another had",
-        "/rover/gpr: 10 stamps are earlier than those before them; sorted",
-    )
+    left_out, moved = notes
+    assert re.findall(r"/rover/gpr|\d+", left_out) == ["/rover/gpr", "1", "1"]
+    assert re.findall(r"/rover/gpr|\d+", moved) == ["/rover/gpr", "10"]
 
 
 def test_without_stamps_the_times_of_recording_count(tmp_path: Path) -> None:
@@ -137,7 +135,7 @@ def test_without_stamps_the_times_of_recording_count(tmp_path: Path) -> None:
     log, notes = _imported(tmp_path, messages)
     with log:
         np.testing.assert_allclose(log.scan_time_s, 0.02 + np.arange(50) / 20.0, atol=1e-9)
-    assert "/rover/gps: headers have no stamps, times of recording were used" in notes
+    assert sorted(note.partition(":")[0] for note in notes) == ["/rover/gpr", "/rover/gps", "/rover/imu", "/rover/odom"]
 
 
 def test_clocks_that_do_not_agree_are_told(tmp_path: Path) -> None:
@@ -148,7 +146,7 @@ def test_clocks_that_do_not_agree_are_told(tmp_path: Path) -> None:
         return values | {"header": {"stamp": {**stamp, "sec": stamp["sec"] - 2}, "frame_id": ""}}
 
     _, notes = _imported(tmp_path, changed(rover_messages(), "/rover/gps", ahead))
-    assert any("/rover/gps: stamps are 2 s before those of /rover/gpr" in note for note in notes)
+    assert any(re.findall(r"/rover/\w+|\d+ s", note) == ["/rover/gps", "2 s", "/rover/gpr"] for note in notes)
 
 
 def test_the_antenna_is_not_the_axle(tmp_path: Path) -> None:
@@ -183,10 +181,7 @@ def test_heading_along_the_path_where_nothing_tells_it(tmp_path: Path) -> None:
     np.testing.assert_allclose((found.navigation.heading_deg + 180.0) % 360.0, 180.0, atol=1e-6)
     np.testing.assert_allclose(found.navigation.roll_deg, 0.0)
     np.testing.assert_allclose(np.diff(found.odometry.distance_m), 0.2, rtol=5e-3)
-    assert notes == (
-        "heading from the path, roll taken as 0: no topic tells them",
-        "travel from the positions: no topic of odometry",
-    )
+    assert len(notes) == 2
 
 
 def test_an_odometers_heading_only_counts_where_it_is_asked_for(tmp_path: Path) -> None:
@@ -195,7 +190,7 @@ def test_an_odometers_heading_only_counts_where_it_is_asked_for(tmp_path: Path) 
     log, notes = _imported(tmp_path, messages)
     with log:
         assert abs((log.description.navigation.heading_deg[0] + 180.0) % 360.0 - 180.0) < 1e-3
-    assert notes == ("heading from the path, roll taken as 0: no topic tells them",)
+    assert len(notes) == 1
     asked = {"topics": McapTopics(heading="/rover/odom"), "assumed": McapAssumed(heading_sigma_deg=2.0)}
     log, notes = _imported(tmp_path, messages, **asked)
     with log:
@@ -215,7 +210,8 @@ def test_positions_without_a_fix_and_gaps_of_headings_are_left_out(tmp_path: Pat
         time_s = log.description.navigation.time_s
     assert 0.8 not in np.round(time_s, 3)
     assert not np.any((time_s > 1.51) & (time_s < 2.99))
-    assert notes == ("/rover/gps: left out 1 messages without usable values",)
+    (note,) = notes
+    assert re.findall(r"/rover/gps|\d+", note) == ["/rover/gps", "1"]
 
 
 def _two_receivers(messages: list[Message]) -> list[Message]:
@@ -241,38 +237,45 @@ def _some(topic: str, **members: object) -> _Edit:
 _FEWER = {"channels": 1, "data": bytes(32)}
 
 
+_SCAN, _GNSS = "lgprjax_msgs/msg/RadarScan", "sensor_msgs/msg/NavSatFix"
+_NO_GNSS_SIGMA = _some("/rover/gps", position_covariance_type=0)
+_NO_HEADING_SIGMA = _some("/rover/imu", orientation_covariance=[0.0] * 9)
+_SWEEPS = _each("/rover/gpr", encoding="complex64", samples=4, calibration=bytes(32))
+
+
 @pytest.mark.parametrize(
-    ("edit", "options", "words"),
+    ("edit", "options", "place", "values"),
     [
-        (_without("/rover/gpr"), {}, "expected one of type lgprjax_msgs/msg/RadarScan, found /rover/gps"),
-        (_without("/rover/gps"), {}, "expected one of type sensor_msgs/msg/NavSatFix"),
-        (_two_receivers, {}, "one of the topics of type sensor_msgs/msg/NavSatFix, found /other/gps, /r"),
-        (_same, {"topics": McapTopics(gnss="/rover/imu")}, "found /rover/imu: sensor_msgs/msg/Imu, nothing"),
-        (_same, {"topics": McapTopics(heading="/no")}, "--heading-topic: expected a topic of type"),
-        (_same, {"topics": McapTopics(array="/no")}, "--array-topic: expected a topic of type"),
-        (_same, {"array": None}, "array: expected a message of type lgprjax_msgs/msg/RadarArray, or"),
-        (_some("/rover/gps", position_covariance_type=0), {}, "a covariance, or --gnss-sigma-m, found none in"),
-        (_some("/rover/imu", orientation_covariance=[0.0] * 9), {}, "/rover/imu: expected a covariance, or --head"),
-        (_each("/rover/gps", latitude=float("nan")), {}, "one of type sensor_msgs/msg/NavSatFix with pos"),
-        (_each("/rover/gpr", sample_interval_ns=0.0), {}, "sample_interval_ns: expected a number above zero, found 0"),
-        (_each("/rover/gpr", encoding="uint12"), {}, "expected one of type lgprjax_msgs/msg/RadarScan"),
-        (_each("/rover/gpr", encoding="complex64", samples=4, calibration=bytes(32)), {}, "RadarArray for sweeps"),
+        (_without("/rover/gpr"), {}, "topics", (_SCAN, "/rover/gps")),
+        (_without("/rover/gps"), {}, "topics", (_GNSS,)),
+        (_two_receivers, {}, "--gnss-topic", (_GNSS, "/other/gps, /rover/gps")),
+        (_same, {"topics": McapTopics(gnss="/rover/imu")}, "--gnss-topic", ("/rover/imu: sensor_msgs/msg/Imu",)),
+        (_same, {"topics": McapTopics(heading="/no")}, "--heading-topic", ("sensor_msgs/msg/Imu",)),
+        (_same, {"topics": McapTopics(array="/no")}, "--array-topic", ("lgprjax_msgs/msg/RadarArray",)),
+        (_same, {"array": None}, "array", ("lgprjax_msgs/msg/RadarArray",)),
+        (_NO_GNSS_SIGMA, {}, "/rover/gps", ("--gnss-sigma-m",)),
+        (_NO_HEADING_SIGMA, {}, "/rover/imu", ("--heading-sigma-deg",)),
+        (_each("/rover/gps", latitude=float("nan")), {}, "topics", (_GNSS,)),
+        (_each("/rover/gpr", sample_interval_ns=0.0), {}, "RadarScan, sample_interval_ns", (0,)),
+        (_each("/rover/gpr", encoding="uint12"), {}, "topics", (_SCAN,)),
+        (_SWEEPS, {}, "topics", ("RadarArray",)),
         (
             lambda m: changed(m, "/rover/gpr", lambda n, v: v | (_FEWER if n == 20 else {})),
             {},
-            "/rover/gpr, scan 21: expected scans like the first, 2 channels of 16 int16 every 0.25 ns",
+            "/rover/gpr, scan 21",
+            ("2 channels of 16 int16 every 0.25 ns",),
         ),
-        (lambda m: [e for e in m if e[0] != "/rover/gps" or e[2] > 2.5], {}, "at least 2 positions within"),
-        (lambda m: [e for e in m if e[0] != "/rover/gpr" or e[2] < 0.04], {}, "/rover/gpr: expected at least 2 scans"),
+        (lambda m: [e for e in m if e[0] != "/rover/gps" or e[2] > 2.5], {}, "/rover/gps", (2,)),
+        (lambda m: [e for e in m if e[0] != "/rover/gpr" or e[2] < 0.04], {}, "/rover/gpr", (2, "1")),
     ],
 )
-def test_what_is_missing_is_one_clear_line(edit: _Edit, options: dict[str, Any], words: str, tmp_path: Path) -> None:
-    told = _refused(tmp_path, edit(rover_messages()), **options)
-    assert words in told
-    assert "\n" not in told
+def test_what_is_missing_is_refused(
+    edit: _Edit, options: dict[str, Any], place: str, values: tuple[object, ...], tmp_path: Path
+) -> None:
+    _check_refused(tmp_path, edit(rover_messages()), place, *values, options=options)
 
 
-def test_what_the_messages_do_not_tell_can_be_told(tmp_path: Path) -> None:
+def test_sigmas_that_no_message_tells_are_as_told_or_none(tmp_path: Path) -> None:
     messages = _each("/rover/gps", position_covariance_type=0)(rover_messages())
     messages = _each("/rover/imu", orientation_covariance=[0.0] * 9)(messages)
     log, _ = _imported(tmp_path, messages, assumed=McapAssumed(gnss_sigma_m=1.5, heading_sigma_deg=3.0))
@@ -280,19 +283,12 @@ def test_what_the_messages_do_not_tell_can_be_told(tmp_path: Path) -> None:
         track = log.description.navigation
     np.testing.assert_allclose([_column(track.sigma_east_m), _column(track.sigma_height_m)], 1.5)
     np.testing.assert_allclose([_column(track.sigma_heading_deg), _column(track.sigma_roll_deg)], 3.0)
-
-
-def test_what_no_message_tells_is_not_stated(tmp_path: Path) -> None:
-    messages = _each("/rover/gps", position_covariance_type=0)(rover_messages())
-    messages = _each("/rover/imu", orientation_covariance=[0.0] * 9)(messages)
     log, _ = _imported(tmp_path, messages)
     with log:
         track = log.description.navigation
     sigmas = (track.sigma_east_m, track.sigma_north_m, track.sigma_height_m, track.sigma_heading_deg)
     assert (*sigmas, track.sigma_roll_deg) == (None,) * 5
-    messages = [each for each in rover_messages() if each[0] != "/rover/imu"]
-    (tmp_path / "path").mkdir()
-    log, _ = _imported(tmp_path / "path", messages)
+    log, _ = _imported(tmp_path, _without("/rover/imu")(rover_messages()))
     with log:
         assert log.description.navigation.sigma_heading_deg is None
         assert log.description.navigation.sigma_east_m is not None
@@ -303,7 +299,7 @@ def test_an_imu_without_orientation_has_no_heading(tmp_path: Path) -> None:
     log, notes = _imported(tmp_path, messages)
     with log:
         assert abs((log.description.navigation.heading_deg[3] + 180.0) % 360.0 - 180.0) < 1e-3
-    assert "heading from the path, roll taken as 0: no topic tells them" in notes
+    assert len(notes) == 1
 
 
 def test_scans_that_wait_are_few_or_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -311,7 +307,7 @@ def test_scans_that_wait_are_few_or_it_is_said(tmp_path: Path, monkeypatch: pyte
     messages = rover_messages(60)
     late = [each for each in messages if each[0] == "/rover/gpr"][:1]
     rest = [each for each in messages if each is not late[0]]
-    assert "expected scans whose stamps are in order but for 20" in _refused(tmp_path, rest + late)
+    _check_refused(tmp_path, rest + late, "/rover/gpr", 20)
 
 
 def test_positions_far_from_the_first_scan_do_not_matter(tmp_path: Path) -> None:

@@ -5,12 +5,19 @@ import tomllib
 import zlib
 
 import numpy as np
-import pytest
 
 from batch.run_sample import frame
 from lgprjax.files import schema_text
 from lgprjax.formats.run_log import frame_data, frame_name, frame_type, read_run_record
 from lgprjax.run_records import Record, RecordKind, Source, pack, payload_type
+
+_PAYLOADS = {
+    "fix": "<qIBbH4f5d25df",
+    "prior": "<qB3d5d",
+    "plan": "<BBBII3d6f3fBIB",
+    "cover": "<3d9f3fBfBiHB",
+    "skid_plan": "<BBBII3d3f4fi2fBfBIIB",
+}
 
 
 def test_kinds_and_sources_are_those_of_the_schema() -> None:
@@ -27,21 +34,12 @@ def test_kinds_and_sources_are_those_of_the_schema() -> None:
     assert read_run_record(bytes([99]) + bytes(15)) is None
 
 
-@pytest.mark.parametrize(
-    ("name", "layout"),
-    [
-        ("fix", "<qIBbH4f5d25df"),
-        ("prior", "<qB3d5d"),
-        ("plan", "<BBBII3d6f3fBIB"),
-        ("cover", "<3d9f3fBfBiHB"),
-        ("skid_plan", "<BBBII3d3f4fi2fBfBIIB"),
-    ],
-)
-def test_payloads_are_packed_without_gaps(name: str, layout: str) -> None:
-    numbers = [1 + at % 100 for at in range(len(struct.unpack(layout, bytes(struct.calcsize(layout)))))]
-    row = np.frombuffer(struct.pack(layout, *numbers), payload_type(name))[0]
-    found = np.concatenate([np.ravel(row[field]) for field in payload_type(name).names or ()])
-    assert found.tolist() == numbers
+def test_payloads_are_packed_without_gaps() -> None:
+    for name, layout in _PAYLOADS.items():
+        numbers = [1 + at % 100 for at in range(len(struct.unpack(layout, bytes(struct.calcsize(layout)))))]
+        row = np.frombuffer(struct.pack(layout, *numbers), payload_type(name))[0]
+        found = np.concatenate([np.ravel(row[field]) for field in payload_type(name).names or ()])
+        assert found.tolist() == numbers, name
 
 
 def test_frames_are_read_as_specified() -> None:
