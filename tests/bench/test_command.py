@@ -2,27 +2,19 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from benchmarks import HardSetConfig, registration
+from bench.test_made_up_runs import STUDY
+from benchmarks import rollouts, tuning
 from benchmarks.__main__ import main
-from benchmarks.peers import PEERS
-from benchmarks.registration import PeerRun, Plan
-
-TINY = Plan(
-    HardSetConfig(maps=1, scans=3),
-    (
-        PeerRun("ours", "this_project", 3),
-        PeerRun("control", "numba_control", 3),
-        PeerRun("swarm", "pyswarms_peer", 1),
-    ),
-    threads=(1,),
-    latency_scans=0,
-    tiles=False,
-    stages=False,
-    kilometres=(),
-)
+from benchmarks.process import ProgramError
+from benchmarks.rollout_peers import ROLLOUT_PEERS
+from benchmarks.rollouts import RolloutPlan
+from benchmarks.tuning import TuningPlan
+from benchmarks.tuning_peers import TUNING_PEERS
+from refusals import printed_refusal
 
 
 def status_of(*arguments: object) -> int:
@@ -32,46 +24,70 @@ def status_of(*arguments: object) -> int:
     return stopped.value.code
 
 
-def test_tiny_run_prints_and_writes_what_it_found(
+def test_what_ran_is_written_and_what_is_missing_or_fails_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(registration, "QUICK", TINY)
-    for name in ("numba_control", "pyswarms_peer"):
-        monkeypatch.setitem(PEERS, name, "no_such_package")
-    path = tmp_path / "figures.json"
-    assert status_of("registration", "--quick", "--json", path) == 0
+    """A study of which one peer's package is missing and the other one's process fails."""
+
+    def some(module: str, *_: object, **__: object) -> dict[str, Any]:
+        if module.endswith("this_project"):
+            return STUDY
+        raise ProgramError(f"{module}: boom")
+
+    monkeypatch.setattr(tuning, "run_program", some)
+    monkeypatch.setattr(tuning, "simulate_logs", lambda *_: [])
+    monkeypatch.setattr(tuning, "QUICK_TUNING", TuningPlan(logs=2, draws=32, steps=2, repeats=1, single=2, threads=1))
+    monkeypatch.setitem(TUNING_PEERS, "numpy_draws", "no_such_package")
+    path = tmp_path / "t.json"
+    assert status_of("tuning", "--quick", "--json", path) == 0
     shown = capsys.readouterr().out
-    assert "rough" in shown
-    lacking = 'package no_such_package is not installed: pip install "lgprjax[bench]"'
-    assert f"missing: numba_control: {lacking}" in shown
-    assert f"missing: pyswarms_peer: {lacking}" in shown
-    assert "not measured" not in shown
-    figures = json.loads(path.read_text(encoding="utf-8"))
-    assert figures["quick"] is True
-    assert figures["machine"] in shown
-    ours = figures["peers"][0]
-    assert (ours["role"], ours["problems"]) == ("ours", 3)
-    assert ours["successes"] >= 2
-    assert ours["batch_ms"] > 0.0
-    records = {record["key"]: record for record in figures["records"]}
-    assert records["success"]["value"] == pytest.approx(100.0 * ours["successes"] / 3)
-    assert records["single / control"]["value"] is None
-    assert records["single / control"]["met"] is False
+    told = json.loads(path.read_text(encoding="utf-8"))
+    assert told["quick"] is True
+    assert told["machine"] in shown
+    lacking, failed = sorted(told["not_measured"], key=lambda line: "boom" in line)
+    assert failed == "benchmarks.tuning_peers.scipy_fit: boom"
+    assert "numpy_draws" in lacking
+    assert "no_such_package" in lacking
+    assert lacking in shown
+    assert failed in shown
+    (whole,) = (record for record in told["records"] if record["key"] == "whole study, 20 logs, 4,096 draws")
+    assert whole["value"] == 40.0
+
+
+def test_a_benchmark_of_which_nothing_runs_still_ends_well(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(module: str, *_: object, **__: object) -> dict[str, float]:
+        raise ProgramError(f"{module}: boom")
+
+    monkeypatch.setattr(rollouts, "run_program", fail)
+    monkeypatch.setattr(
+        rollouts, "QUICK_ROLLOUTS", RolloutPlan(24, 40, rounds=1, repeats=1, many_lanes=30, many_steps=20)
+    )
+    monkeypatch.setitem(ROLLOUT_PEERS, "numba_lanes", "no_such_package")
+    assert status_of("rollouts", "--quick") == 0
+    shown = capsys.readouterr().out
+    assert "benchmarks.rollout_peers.this_project: boom" in shown
+    assert "no_such_package" in shown
 
 
 @pytest.mark.parametrize("option", ["--json", "--figure"])
-def test_output_is_refused_before_anything_runs(
+def test_an_output_is_refused_before_anything_runs(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     taken = tmp_path / "taken"
     taken.write_text("mine", encoding="utf-8")
     assert status_of("registration", option, taken) == 1
-    assert "one that exists" in capsys.readouterr().err
+    printed_refusal(capsys.readouterr().err).check("output", "--force", file=taken)
     assert taken.read_text(encoding="utf-8") == "mine"
     assert status_of("registration", option, tmp_path / "no" / "such.json") == 1
-    assert "no such folder" in capsys.readouterr().err
+    printed_refusal(capsys.readouterr().err).check("output", file="such.json")
 
 
-def test_unknown_benchmark_is_usage(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_benchmark_does_not_know_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert status_of("mapping") == 2
     assert "registration" in capsys.readouterr().err
+    assert status_of("archive", "--device", "gpu") == 1
+    printed_refusal(capsys.readouterr().err).check("option", "registration", file="--device", found="archive")
+    assert status_of("rollouts", "--figure", tmp_path / "f.png") == 1
+    printed_refusal(capsys.readouterr().err).check("option", "closed-loop", file="--figure", found="rollouts")

@@ -1,6 +1,9 @@
-"""The runtime's benchmark: starts and drive become records; what does not run is said, and is no figure."""
+"""The runtime's benchmark: starts and drive become records; what does not run is said; no process is left."""
 
 import json
+import math
+import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -50,13 +53,43 @@ def test_records_say_what_is_met_and_what_is_not(tmp_path: Path, monkeypatch: py
         "tracking_rms_m": True,
     }
     # What the run did not tell is no number.
-    assert records["ok_share"].value != records["ok_share"].value
+    assert math.isnan(records["ok_share"].value)
     assert picture.read_bytes() == b"picture"
 
 
-def test_what_does_not_run_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runtime, "_run", lambda *_: "first\nlgprjax: radar: no such port\n")
-    found = run_runtime(RuntimePlan(for_s=0.1), tmp_path, print)
-    no_port = "lgprjax: radar: no such port"
-    assert found.not_measured == [f"{what}: {no_port}" for what in ("cold start", "warm start", "drive")]
+# A supervisor that never ends in order, and a recorder in a group of its own that writes for a while after it.
+_STUBBORN = """
+import pathlib, signal, subprocess, sys, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+folder = pathlib.Path(sys.argv[2]).parent
+recorder = (
+    "import pathlib, signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN)\\n"
+    "while True: (pathlib.Path({!r}) / str(time.monotonic_ns())).touch(); time.sleep(0.002)"
+)
+subprocess.Popen([sys.executable, "-c", recorder.format(str(folder))], process_group=0)
+print("run: here", flush=True)
+time.sleep(60)
+"""
+
+
+def test_no_process_of_a_run_that_takes_too_long_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folder can be removed; the benchmark says what did not run, and ends."""
+    monkeypatch.setattr(runtime, "_CODE", _STUBBORN)
+    monkeypatch.setattr(runtime, "_LIMIT_S", 0.5)
+    monkeypatch.setattr(runtime, "_ENDING_S", 0.3)
+    folder = tmp_path / "bench"
+    folder.mkdir()
+    began_s = time.monotonic()
+    told = runtime._run(folder / "bench.run.toml", 0.5, None)
+    assert time.monotonic() - began_s < 20.0
+    assert told.startswith("run: here\n")
+    assert "1 s" in runtime._last(told)
+    assert len(list(folder.iterdir())) > 1
+    shutil.rmtree(folder)
+    time.sleep(0.1)
+    assert not folder.exists()
+    monkeypatch.setattr(runtime, "_run", lambda *_: told)
+    folder.mkdir()
+    found = run_runtime(RuntimePlan(for_s=0.1), folder, print)
+    assert [line.partition(":")[0] for line in found.not_measured] == ["cold start", "warm start", "drive"]
     assert (found.records, found.figures) == ([], {})
