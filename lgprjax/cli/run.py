@@ -215,9 +215,11 @@ class Run:
                 driven = _written(folder, config, addresses)
                 leaves_error = any(line.get("button") == "override" for line in table.script)
                 with ended_when_over(folder, leaves_error=leaves_error) as all_ready:
-                    status = _drive(driven, folder, self.for_s, all_ready)
+                    status = _supervised(driven, folder, self.for_s, all_ready)
             if status:
                 return status
+            if not field:
+                _write_drive(driven, folder)
         with working("figures"):
             if field:
                 figures = field_figures(folder, driven)
@@ -327,25 +329,37 @@ def run_folder(config: "RuntimeConfig") -> Path:
     return (config.path(config.recording.folder) / f"{config.name}-{name}").resolve()
 
 
-def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None, all_ready: threading.Event | None = None) -> int:
+def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
+    status = _supervised(config, folder, for_s)
+    if config.coverage is None and not status:
+        _write_drive(config, folder)
+    return status
+
+
+def _supervised(
+    config: "RuntimeConfig", folder: Path, for_s: float | None, all_ready: threading.Event | None = None
+) -> int:
+    """Run the processes of a vehicle, ``for_s`` seconds from when they are ready; the exit status."""
     from lgprjax.runtime.supervisor import Ready, make_rings_folder, say_ready, supervise
+
+    ending = threading.Timer(for_s or 0.0, os.kill, (os.getpid(), signal.SIGTERM))
+    ending.daemon = True
 
     def ready(found: Ready) -> None:
         say_ready(found)
         if all_ready is not None:
             all_ready.set()
         if for_s is not None:
-            ending = threading.Timer(for_s, os.kill, (os.getpid(), signal.SIGTERM))
-            ending.daemon = True
             ending.start()
 
     folder.mkdir(parents=True, exist_ok=True)
     print(f"run: {folder}", flush=True)
     print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
-    status = supervise(config, folder, make_rings_folder(), ready=ready)
-    if config.coverage is None and not status:
-        _write_drive(config, folder)
-    return status
+    try:
+        return supervise(config, folder, make_rings_folder(), ready=ready)
+    finally:
+        # A signal that comes later would end this process while it writes, and leave the simulated devices behind.
+        ending.cancel()
 
 
 def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
