@@ -10,8 +10,6 @@ from validation.full_wave.plane_waves import with_waves
 from validation.full_wave.scenes import DENSE_STONE_M, render
 from validation.full_wave.tables import NEAR_M, Row, judge, show
 
-pytestmark = pytest.mark.gprmax
-
 FLAT = Model((-0.9, 0.9), below_m=1.1, above_m=0.5, cell_m=CELL_M, window_ns=34.0, parts=(SOIL,))
 RELIEF_M, WAVE_RAD_PER_M, DEPTH_M = 0.06, 2 * np.pi / 3.0, 0.8
 WAVY = Model((-1.2, 1.3), below_m=1.2, above_m=0.5, cell_m=CELL_M, window_ns=34.0, parts=(SOIL,))

@@ -9,7 +9,6 @@ gprMax's traces are stretched. Both pass the same steps: mean over the track tak
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 from scipy.signal import fftconvolve
@@ -19,8 +18,6 @@ from validation.full_wave.echoes import LIGHT_M_PER_NS, RADAR, scene_axis_ns, to
 from validation.full_wave.fdtd import Fdtd, Recording, subtract
 from validation.full_wave.fdtd_model import HEIGHT_M, PLATE_M, Model, Plate
 from validation.full_wave.scenes import render_road
-
-pytestmark = pytest.mark.gprmax
 
 CELL_M = 0.02  # 13 cells in the shortest wavelength of the band; what the grid slows is alike at both moistures
 LENGTH_M = 13.0

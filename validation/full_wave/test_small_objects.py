@@ -10,8 +10,6 @@ from validation.full_wave.plane_waves import with_waves
 from validation.full_wave.scenes import DENSE_STONE_M, VOID_STONE_M, render
 from validation.full_wave.tables import NEAR_M, Row, judge, show
 
-pytestmark = pytest.mark.gprmax
-
 DEPTH_M = 0.6
 ASIDE_M = [0.0, 0.2, 0.4, 0.6, 0.8]
 LINE = Model((-0.5, 1.3), below_m=1.0, above_m=0.5, cell_m=CELL_M, window_ns=36.0, parts=(SOIL,))

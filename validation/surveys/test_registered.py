@@ -1,5 +1,6 @@
 """The real recordings, imported as their owners would and registered by default. Figures: docs/performance.md."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -8,15 +9,22 @@ from lgprjax.formats import import_lines
 from lgprjax.mapping import build_map
 from validation.surveys.registered import WINDOWS, Row, hautefeuille, judge, parallel_lines, register, single_lines
 
-pytestmark = pytest.mark.real
+
+@pytest.fixture
+def shown(record_property: Callable[[str, object], None]) -> Callable[[Row], Row]:
+    """Keeps a row's figures in the record of the validation."""
+
+    def keep(row: Row) -> Row:
+        for name in ("tried", "ok", "right"):
+            record_property(f"{row.name}: {name}", getattr(row, name))
+        return row
+
+    return keep
 
 
-def shown(row: Row) -> Row:
-    print(row)
-    return row
-
-
-def test_parallel_lines_are_found_between_the_lines_of_the_map(real_data: Path, tmp_path: Path) -> None:
+def test_parallel_lines_are_found_between_the_lines_of_the_map(
+    real_data: Path, tmp_path: Path, shown: Callable[[Row], Row]
+) -> None:
     (row,) = map(shown, parallel_lines(real_data, tmp_path))
     assert row.tried >= 330
     # Lines of 11.6 m with a wavelength of a metre: half of each is driven before there is certainty, and the place is
@@ -25,14 +33,16 @@ def test_parallel_lines_are_found_between_the_lines_of_the_map(real_data: Path, 
     assert row.right >= 0.995 * row.ok
 
 
-def test_a_line_beside_the_map_is_not_lied_about(real_data: Path, tmp_path: Path) -> None:
+def test_a_line_beside_the_map_is_not_lied_about(real_data: Path, tmp_path: Path, shown: Callable[[Row], Row]) -> None:
     (row,) = map(shown, hautefeuille(real_data, tmp_path))
     assert row.tried > 30
     assert row.ok == 0
 
 
 @pytest.mark.parametrize(("name", "least"), [("Yosemite", 0.9), ("dune", 0.95)])
-def test_odd_and_even_traces_of_a_line(name: str, least: float, real_data: Path, tmp_path: Path) -> None:
+def test_odd_and_even_traces_of_a_line(
+    name: str, least: float, real_data: Path, tmp_path: Path, shown: Callable[[Row], Row]
+) -> None:
     """Yosemite: 50 MHz, a trace each two feet, so that map and live traces lie 1.22 m apart, half a step off."""
     (row,) = map(shown, single_lines(real_data, tmp_path, only=name))
     assert row.tried > 200
@@ -40,7 +50,7 @@ def test_odd_and_even_traces_of_a_line(name: str, least: float, real_data: Path,
     assert row.ok >= least * row.tried
 
 
-def test_another_days_lines(real_data: Path, tmp_path: Path) -> None:
+def test_another_days_lines(real_data: Path, tmp_path: Path, shown: Callable[[Row], Row]) -> None:
     """Flagogna: a line of the next day, antennas turned about and walked back, 0.25 m beside the map's rim; 1.0 m
     beside it, the ground resembles the rim and must be declined."""
     lines = {number: real_data / "flagogna" / f"XLINE{number:03d}.DT1" for number in range(50, 71)}

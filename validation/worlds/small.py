@@ -1,4 +1,4 @@
-"""Two small worlds for the tests of every day: short routes, so that both take seconds."""
+"""Two small worlds: short routes, so that both take seconds."""
 
 from dataclasses import replace
 

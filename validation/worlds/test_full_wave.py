@@ -76,7 +76,6 @@ def test_one_line_of_one_antenna_is_found_wherever_the_prior_is_beside_it(tmp_pa
         assert not row.wrong, across_m
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("seed", GROUNDS)
 def test_every_day_of_every_ground(seed: int, tmp_path: Path) -> None:
     for row in line_figures(seed, tmp_path):
