@@ -1,12 +1,9 @@
 """Metrics: those summed on the way are NumPy's of the trajectory."""
 
-from typing import Any
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.vehicle import RolloutSpec, ideal_servo, line_course, path_from_curvature, roll_out_traced
+from lgprjax.vehicle import RolloutSpec, ideal_servo, path_from_curvature, roll_out_traced
 from lgprjax.vehicle.metrics import finish_metrics, init_metrics, step_metrics
 from rollout_lanes import begin, chassis, one_lane
 
@@ -37,17 +34,3 @@ def test_error_that_is_no_number_never_settles() -> None:
     metrics = finish_metrics(sums, 1, 7.0 * one)
     assert float(metrics.settling_m) == 7.0
     assert np.isnan(float(metrics.rms_m))
-
-
-def test_rollout_without_any_error_has_a_gradient() -> None:
-    path = line_course(50.0)
-
-    def rms(look_ahead: jax.Array) -> Any:
-        lane = one_lane()
-        lane = lane._replace(look_ahead=lane.look_ahead._replace(short_m=look_ahead, long_m=look_ahead))
-        metrics = roll_out_traced(RolloutSpec(20), path, lane, begin(path, lane))[1]
-        return metrics.rms_m + metrics.effort_radpm
-
-    value, slope = jax.value_and_grad(rms)(jnp.float32(5.0))
-    assert float(value) == 0.0
-    assert float(slope) == 0.0

@@ -237,39 +237,39 @@ def test_measured_rear_wheels_drive_as_their_ratio() -> None:
     np.testing.assert_allclose(found.y_m, expected.y_m, atol=2e-4)
 
 
+def cost(numbers: jax.Array, path: Path, offset_m: jax.Array) -> Any:
+    """RMS and effort of a rollout by look-ahead, lag, believed k and V_CHAR, in the numbers' precision."""
+
+    def cast(tree: Any) -> Any:
+        return tree_map(lambda leaf: leaf.astype(numbers.dtype), tree)
+
+    body, course = cast(chassis()), cast(path)
+    true = body._replace(characteristic_speed_mps=numbers[3])
+    believed = body._replace(rear=ProportionalRear(numbers[2]))
+    servo = cast(ideal_servo())._replace(lag_s=numbers[1])
+    one, zero = jnp.ones((), numbers.dtype), jnp.zeros((), numbers.dtype)
+    lane = RolloutLane(true, believed, servo, one, 4.0 * one, constant_look_ahead(numbers[0]))
+    _, metrics = roll_out(RolloutSpec(150), course, lane, start_rollout(course, lane, zero, offset_m, zero))
+    return metrics.rms_m + metrics.effort_radpm
+
+
 def test_gradients_are_those_of_finite_differences() -> None:
-    """Of RMS and effort, by look-ahead, lag, believed k and V_CHAR: central differences in float64 of the same code."""
+    """Central differences in float64 of the same code; without any error the gradient is zero, not none."""
     path, _ = sine_curve()
-    spec = RolloutSpec(150)
-
-    def cost(numbers: jax.Array) -> Any:
-        body = chassis()
-        kind = numbers.dtype
-        true, believed = (
-            tree_map(lambda leaf: leaf.astype(kind), part)
-            for part in (
-                body._replace(characteristic_speed_mps=numbers[3]),
-                body._replace(rear=ProportionalRear(numbers[2])),
-            )
-        )
-        servo = tree_map(lambda leaf: leaf.astype(kind), ideal_servo())
-        lane = RolloutLane(
-            true, believed, servo._replace(lag_s=numbers[1]), jnp.ones((), kind), jnp.asarray(4.0, kind),
-            constant_look_ahead(numbers[0]),
-        )  # fmt: skip
-        course = tree_map(lambda leaf: leaf.astype(kind), path)
-        zero = jnp.zeros((), kind)
-        _, metrics = roll_out(spec, course, lane, start_rollout(course, lane, zero, zero + 1.0, zero))
-        return metrics.rms_m + metrics.effort_radpm
-
     numbers = np.array([6.0, 0.25, 0.61, 18.0])
-    slope = np.asarray(jax.grad(cost)(jnp.asarray(numbers, jnp.float32)))
+    valued = jax.jit(jax.value_and_grad(cost))
+    slope = np.asarray(valued(jnp.asarray(numbers, jnp.float32), path, jnp.float32(1.0))[1])
+    straight = path_from_curvature(np.zeros(480))
+    value, none = valued(jnp.asarray(numbers, jnp.float32), straight, jnp.float32(0.0))
+    assert float(value) == 0.0
+    np.testing.assert_array_equal(none, 0.0)
     with jax.enable_x64(True):
-        for place in range(4):
-            step = np.zeros(4)
-            step[place] = 1e-5
-            high, low = (float(cost(jnp.asarray(numbers + sign * step))) for sign in (1.0, -1.0))
-            np.testing.assert_allclose(slope[place], (high - low) / 2e-5, rtol=0.01, atol=1e-4)
+        steps = 1e-5 * np.eye(4)
+        ends = jax.jit(jax.vmap(cost, in_axes=(0, None, None)))(
+            jnp.asarray(np.concatenate([numbers + steps, numbers - steps])), path, jnp.ones(())
+        )
+        high, low = np.asarray(ends).reshape(2, 4)
+    np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=0.01, atol=1e-4)
 
 
 def test_specs_that_cannot_run_are_refused() -> None:
