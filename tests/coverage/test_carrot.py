@@ -63,7 +63,7 @@ def wanted_curvature(x_m: float, y_m: float, yaw_rad: float, told: CarrotSetting
     return float(told.proportional_per_m) * error(x_m, y_m, ahead) + float(told.derivative) * change
 
 
-@pytest.mark.parametrize(("y_m", "yaw_rad"), [(0.0, 0.0), (0.2, 0.0), (-0.1, 0.1), (0.05, -0.2)])
+@pytest.mark.parametrize(("y_m", "yaw_rad"), [(0.2, 0.0), (-0.1, 0.1), (0.05, -0.2)])
 def test_the_law_is_that_of_the_angles(y_m: float, yaw_rad: float) -> None:
     told = settings()
     _, plan = once("carrot", told, MIDWAY, pose(10.0, y_m, yaw_rad), jnp.float32(0.0))
@@ -133,31 +133,14 @@ def test_the_integral_takes_out_what_stays_and_does_not_wind_up() -> None:
     without = wanted_curvature(10.0, 0.1, 0.0, told)
     gained = float(plan.yaw_rate_radps) / SPEED_MPS - without
     assert gained == pytest.approx(0.3 * np.arctan2(-0.1, 1.2) * 200 * STEP_S * SPEED_MPS, rel=0.05)
-    for _ in range(3000):
+    for _ in range(400):
         state, plan = once("carrot", told, state, pose(10.0, 0.1, 0.0), jnp.float32(STEP_S))
     gained = float(plan.yaw_rate_radps) / SPEED_MPS - without
     assert gained == pytest.approx(-0.25 * float(told.largest_curvature_radpm), rel=0.05)
 
 
-def test_many_lanes_are_as_one() -> None:
-    y = np.linspace(-0.5, 0.5, 7, dtype=np.float32)
-    lanes = VehiclePose(jnp.full(7, 10.0, jnp.float32), jnp.asarray(y), jnp.asarray(0.3 * y))
-    speed, step = jnp.float32(0.4), jnp.float32(0.05)
-    many = jax.vmap(lambda at: step_carrot(settings(), ROUTE, MIDWAY, at, speed, step))(lanes)[1]
-    for number in range(7):
-        one = step_carrot(
-            settings(),
-            ROUTE,
-            MIDWAY,
-            VehiclePose(*(part[number] for part in lanes)),
-            jnp.float32(0.4),
-            jnp.float32(0.05),
-        )[1]
-        np.testing.assert_allclose(many.yaw_rate_radps[number], one.yaw_rate_radps, rtol=1e-5, atol=1e-7)
-
-
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("x_m", [12.0, 13.0, 15.0, 18.0])
+@pytest.mark.parametrize("x_m", [12.0, 18.0])
 def test_a_vehicle_that_the_operator_drove_on_does_not_swerve_when_engaged_again(law: str, x_m: float) -> None:
     """Its route was begun: the lookahead point that it left behind would steer it away from its line."""
     told, state, at = settings(), MIDWAY, np.array([x_m, 0.05, 0.0])

@@ -10,7 +10,7 @@ from matplotlib.path import Path as Outline
 
 from lgprjax.coverage import Field, field_of_corners, field_of_polygon
 from lgprjax.coverage.field import SQUARED_M, contains, first_crossing, outside_m, side_distance_m
-from lgprjax.errors import InputError
+from refusals import refused
 
 NOTCHED = np.array(
     [[0.0, 0.0], [30.0, 0.0], [30.0, 20.0], [20.0, 20.0], [20.0, 8.0], [10.0, 8.0], [10.0, 20.0], [0.0, 20.0]]
@@ -23,7 +23,7 @@ def angles_deg(field: Field) -> np.ndarray:
     return np.asarray(np.degrees(np.mod(np.roll(yaw, -1) - yaw, 2.0 * np.pi)))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 @given(
     yaw=st.floats(-math.pi, math.pi),
     sides=st.tuples(st.floats(3.0, 300.0), st.floats(3.0, 300.0)),
@@ -56,23 +56,23 @@ def test_corners_further_from_square_keep_their_places_and_make_a_parallelogram(
 
 
 @pytest.mark.parametrize(
-    ("corners", "told"),
+    ("corners", "place", "values"),
     [
-        ([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], "corner 2: expected a turn of 30 to 150 degrees, found 0.0 degrees"),
-        ([[0.0, 0.0], [10.0, 0.0], [20.0, 5.0]], "nearly on one line"),
-        ([[0.0, 0.0], [10.0, 0.0], [2.0, 0.5]], "nearly on one line"),
-        ([[0.0, 0.0], [0.0, 0.0], [10.0, 5.0]], "two in one place"),
-        ([[0.0, 0.0], [30.0, 0.0], [30.0, 200e3]], "at most 2 km wide, found 200.0 km"),
-        ([[90e3, 0.0], [90e3, 30.0], [90.02e3, 30.0]], "within 10 km of the anchor"),
-        ([[0.0, 0.0], [30.0, math.nan], [30.0, 20.0]], "corner 2: expected numbers"),
-        ([[0.0, 0.0], [0.5, 0.0], [0.5, 0.6]], "an area of at least 1 m², found 0.30 m²"),
+        ([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], "corner 2", (30, 150, "0.0 degrees")),
+        ([[0.0, 0.0], [10.0, 0.0], [20.0, 5.0]], "corner 2", ("26.6 degrees",)),
+        ([[0.0, 0.0], [10.0, 0.0], [2.0, 0.5]], "corner 2", ("176.4 degrees",)),
+        ([[0.0, 0.0], [0.0, 0.0], [10.0, 5.0]], "corners", ()),
+        ([[0.0, 0.0], [30.0, 0.0], [30.0, 200e3]], "corners", ("2 km", "200.0 km")),
+        ([[90e3, 0.0], [90e3, 30.0], [90.02e3, 30.0]], "corners", ("10 km", "90.0 km")),
+        ([[0.0, 0.0], [30.0, math.nan], [30.0, 20.0]], "corner 2", ("nan",)),
+        ([[0.0, 0.0], [0.5, 0.0], [0.5, 0.6]], "perimeter", ("1 m²", "0.30 m²")),
     ],
 )
-def test_bad_corners_are_refused_with_the_reason(corners: list[list[float]], told: str) -> None:
-    with pytest.raises(InputError, match="mine-07") as caught:
+def test_bad_corners_are_refused_with_the_reason(
+    corners: list[list[float]], place: str, values: tuple[object, ...]
+) -> None:
+    with refused(place, *values, file="mine-07"):
         field_of_corners(np.array(corners), name="mine-07")
-    assert told in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_polygon_is_turned_counter_clockwise_about_its_first_side() -> None:
@@ -86,23 +86,24 @@ def test_a_polygon_is_turned_counter_clockwise_about_its_first_side() -> None:
 
 
 @pytest.mark.parametrize(
-    ("points", "told"),
+    ("points", "place", "values"),
     [
-        ([], "at least three separate ones, found 0"),
-        ([[0.0, 0.0], [5.0, 5.0], [0.0, 0.0]], "at least three separate ones, found 2"),
-        ([[0.0, 0.0], [10.0, 0.0], [20.0, 0.04], [5.0, 0.03]], "all on one line, within 0.04 m"),
-        ([[0.0, 0.0], [20.0, 20.0], [20.0, 0.0], [0.0, 20.0]], "side 1 meets side 3"),
-        ([[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [10.0, 0.0], [0.0, 10.0]], "side 1 meets side 3"),
-        ([[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [20.0, 5.0], [0.0, 10.0]], "side 2 meets side 3"),
+        ([], "corners", (0,)),
+        ([[0.0, 0.0], [5.0, 5.0], [0.0, 0.0]], "corners", (2,)),
+        ([[0.0, 0.0], [10.0, 0.0], [20.0, 0.04], [5.0, 0.03]], "corners", ("0.04 m",)),
+        ([[0.0, 0.0], [20.0, 20.0], [20.0, 0.0], [0.0, 20.0]], "perimeter", (1, 3)),
+        ([[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [10.0, 0.0], [0.0, 10.0]], "perimeter", (1, 3)),
+        ([[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [20.0, 5.0], [0.0, 10.0]], "perimeter", (2, 3)),
     ],
 )
-def test_bad_polygons_are_refused_with_the_reason(points: list[list[float]], told: str) -> None:
-    with pytest.raises(InputError) as caught:
+def test_bad_polygons_are_refused_with_the_reason(
+    points: list[list[float]], place: str, values: tuple[object, ...]
+) -> None:
+    with refused(place, *values, file="field"):
         field_of_polygon(np.array(points, np.float64).reshape(-1, 2), name="field")
-    assert told in str(caught.value)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 @given(seed=st.integers(0, 2**31))
 def test_inside_and_distances_agree_with_other_means(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -122,7 +123,7 @@ def test_inside_and_distances_agree_with_other_means(seed: int) -> None:
     assert first_crossing(corners) is None
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(4, 12), st.integers(0, 11), st.floats(0.2, 1.0))
 def test_two_corners_of_a_convex_polygon_changed_for_each_other_cross(count: int, place: int, flat: float) -> None:
     yaw = 2.0 * np.pi * np.arange(count) / count

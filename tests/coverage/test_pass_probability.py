@@ -39,7 +39,7 @@ def passing(
     )
 
 
-@pytest.mark.parametrize("related", [-0.8, 0.0, 0.8])
+@pytest.mark.parametrize("related", [-0.8, 0.8])
 def test_in_the_middle_of_a_pass_it_is_the_normal_error_between_the_tools_edges(related: float) -> None:
     left = np.linspace(-0.9, 0.9, PLACES)
     errors = covariance(0.03, 0.02, 0.02, ly=related)
@@ -51,17 +51,14 @@ def test_in_the_middle_of_a_pass_it_is_the_normal_error_between_the_tools_edges(
     assert np.all(found <= 1.0)
 
 
-@pytest.mark.parametrize(("level", "lost_m"), [(0.95, 0.09), (0.996, 0.15)])
-def test_two_centimetres_and_a_degree_and_a_half_lose_nine_or_fifteen_centimetres_a_side(
-    level: float, lost_m: float
-) -> None:
+def test_two_centimetres_and_a_degree_and_a_half_lose_nine_or_fifteen_centimetres_a_side() -> None:
     left = np.linspace(0.4, 0.6, PLACES)
     found = np.asarray(probability_of(NARROW, passing(covariance(0.02, 0.02, np.radians(1.5)), left)))
-    widest_m = left[found >= level].max()
-    assert 0.6 - widest_m == pytest.approx(lost_m, abs=0.006)
+    for level, lost_m in ((0.95, 0.09), (0.996, 0.15)):
+        assert 0.6 - left[found >= level].max() == pytest.approx(lost_m, abs=0.006)
 
 
-@pytest.mark.parametrize("related", [-0.9, -0.4, 0.0, 0.7])
+@pytest.mark.parametrize("related", [-0.9, 0.7])
 def test_at_an_end_the_errors_along_and_aside_count_together(related: float) -> None:
     """A known heading leaves two normal errors; the corner of the swath is one of their cumulative distribution."""
     tool = NARROW._replace(length_m=0.4, ahead_m=0.0)
@@ -102,11 +99,3 @@ def test_a_pass_that_went_nowhere_claims_what_one_rectangle_does() -> None:
     found = probability_of(tool, passing(covariance(1e-3, 1e-3, 1e-4), left, first=along, last=along))
     np.testing.assert_allclose(found[:4], [1.0, 1.0, 0.0, 0.0], atol=1e-4)
     assert float(jnp.max(found)) < 1.0
-
-
-def test_lanes_by_vmap_are_those_of_a_loop() -> None:
-    tool = Tool(1.2, 0.4, 1.1, 0.0)
-    left = np.linspace(-0.8, 0.8, PLACES)
-    whole = passing(covariance(0.08, 0.05, 0.02), left, last=np.linspace(-0.4, 0.4, PLACES))
-    lanes = jax.vmap(lambda one: pass_probability(tool, one))(whole)
-    np.testing.assert_allclose(lanes, probability_of(tool, whole), atol=1e-6)
