@@ -13,7 +13,7 @@ from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.control.skid.setup import SkidLoaded
 from lgprjax.worked.plans import PlanOptions, make_cover_plan, save_cover_plan
 
-VEHICLE = Path(__file__).resolve().parents[1] / "onboard" / "made_up_flail.vehicle.toml"
+VEHICLE = Path(__file__).resolve().parents[2] / "onboard" / "made_up_flail.vehicle.toml"
 FRAME = LocalFrame(48.0, 11.0, 0.0)
 CORNERS_M = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 6.0], [0.0, 6.0]])
 BEHIND_M = 7.0
