@@ -1,14 +1,17 @@
 """The search of a drive where the drive is not a plain one: standing, reverse, lost, off the map, travel unknown."""
 
+from itertools import repeat
+
 import numpy as np
 import pytest
 
 from canon.site import Replay, Site, part_of, replay, scans_of
-from lgprjax.registration import Code, LiveBlock, RegisterOptions, Registration, Track
+from lgprjax.registration import Code, LiveBlock, RegisterOptions, Registration
 
 OPTIONS = RegisterOptions(search_m=1.5)
 STEP_M = 4.5 / 126
 GAP = 350
+PIECE = 360
 GARBAGE = slice(200, 400)
 """Scans of other ground in the middle of the drive: 7 m."""
 DRIFT_M = 1.5
@@ -49,39 +52,35 @@ def test_a_plain_drive_is_located(plain: Replay) -> None:
     assert np.all(plain.fix.p_false[plain.ok] <= OPTIONS.risk)
 
 
-def test_a_vehicle_feeds_few_scans_at_a_time(site: Site, scans: LiveBlock, plain: Replay) -> None:
-    """Blocks of four: once the background is known, nearly the same scans have a fix, and each is right."""
-    few = replay(site, part_of(scans, slice(0, 300)), OPTIONS, block_scans=4)
-    known = np.abs(scans.track.travel_m[:300] - scans.track.travel_m[0]) > 2.3
-    assert np.mean(few.ok[known] == plain.ok[:300][known]) >= 0.95
-    assert set(few.fix.code[:50]) == {Code.NO_WINDOW}
-    assert few.off_m[few.ok].max() < 0.3
+def test_on_board_it_does_not_matter_how_scans_come(site: Site, scans: LiveBlock, plain: Replay) -> None:
+    """One truth: a vehicle's blocks are as long as its last search took, a replay's are not.
 
-
-@pytest.mark.parametrize("window_m", [None, 1.0])
-def test_on_board_it_does_not_matter_how_scans_come(site: Site, scans: LiveBlock, window_m: float | None) -> None:
-    """One truth: a vehicle's blocks are as long as its last search took, a replay's are not."""
-    options = RegisterOptions(search_m=1.5, window_m=window_m, track=True)
-    some = part_of(scans, slice(0, 400))
-    drawn = np.random.default_rng(7).integers(1, 5, 400)
+    Once the background is known, nearly the same scans have a fix as in a whole drive.
+    """
+    options = RegisterOptions(search_m=1.5, track=True)
+    some = part_of(scans, slice(0, 200))
+    drawn = np.random.default_rng(7).integers(1, 5, 200)
     one, other = (replay(site, some, options, block_scans=4, sizes=sizes) for sizes in (None, drawn))
     np.testing.assert_array_equal(one.fix.code, other.fix.code)
     np.testing.assert_array_equal(one.fix.pose, other.fix.pose)
-    assert one.ok.mean() > 0.7
+    assert one.ok.mean() > 0.5
     assert one.off_m[one.ok].max() < 0.3
+    assert set(one.fix.code[:50]) == {Code.NO_WINDOW}
+    known = np.abs(some.track.travel_m - some.track.travel_m[0]) > 2.3
+    assert np.mean(one.ok[known] == plain.ok[:200][known]) >= 0.95
 
 
 def test_a_vehicle_that_stands_keeps_its_fix(site: Site, scans: LiveBlock, plain: Replay) -> None:
-    """Six hundred scans of one place in the middle of the drive."""
-    at, stand = 300, 600
-    held = np.concatenate([np.arange(at), np.full(stand, at), np.arange(at, len(scans.traces))])
+    """Three hundred scans of one place in the middle of the drive."""
+    at, stand = 300, 300
+    held = np.concatenate([np.arange(at), np.full(stand, at), np.arange(at, at + 200)])
     found = replay(site, part_of(scans, held), OPTIONS)
     there = slice(at, at + stand)
     assert plain.ok[at]
     assert found.ok[there].all()
     assert np.ptp(found.fix.pose[there, :2], axis=0).max() < 1e-6
     assert found.off_m[found.ok].max() < 0.3
-    assert found.ok[at + stand :].mean() > plain.ok[at:].mean() - 0.05
+    assert found.ok[at + stand :].mean() > plain.ok[at : at + 200].mean() - 0.05
 
 
 def test_backing_up_is_located(site: Site, scans: LiveBlock) -> None:
@@ -93,34 +92,37 @@ def test_backing_up_is_located(site: Site, scans: LiveBlock) -> None:
     assert found.off_m[found.ok].max() < 0.3
 
 
-@pytest.mark.parametrize(("drift_m", "time_scale"), [(0.0, None), (DRIFT_M, 1.0), (DRIFT_M, None)])
-def test_a_lost_drive_is_found_again(site: Site, scans: LiveBlock, drift_m: float, time_scale: float | None) -> None:
+def test_a_lost_drive_is_found_again(site: Site, scans: LiveBlock) -> None:
     """Over other ground nothing wrong is believed; where the map's own comes back, the drive is found.
 
     With the drift it is 2.3 m beside its prior, outside the region that was asked for.
     """
-    found = over_other_ground(site, scans, RegisterOptions(search_m=1.5, time_scale=time_scale), drift_m)
+    traces = scans.traces.copy()
+    traces[GARBAGE] = scans_of(site, "impostor").traces[GARBAGE]
+    number = np.arange(len(traces))
+    drift_m = DRIFT_M * np.clip((number - GARBAGE.start) / (GARBAGE.stop - GARBAGE.start), 0.0, 1.0)
+    found = replay(site, shifted(scans._replace(traces=traces), drift_m), OPTIONS)
     ok = found.ok
     assert found.off_m[ok].max() < 0.3
     # A window of 8 m that reaches back before the other ground may still know its place; none that lies on it does.
     assert not ok[GARBAGE.start + int(6.5 / STEP_M) : GARBAGE.stop].any()
     assert ok[GARBAGE.stop :].any()
     back = int(np.argmax(ok[GARBAGE.stop :]))
-    print(f"found again {back * STEP_M:.1f} m after the other ground; {ok.mean():.2f} ok")
     assert back * STEP_M < 6.0
     assert ok[GARBAGE.stop + back :].mean() > 0.7
 
 
-@pytest.mark.parametrize("begin", [120, 360, 520])
-def test_other_ground_with_a_piece_of_the_map_is_soon_forgotten(site: Site, scans: LiveBlock, begin: int) -> None:
-    """1.5 m of the map's own ground in another's: windows that found it do not confirm it, however near they search."""
-    own = slice(begin, begin + int(1.5 / STEP_M))
+@pytest.mark.parametrize("back", [False, True])
+def test_a_piece_of_the_map_in_other_ground_is_soon_forgotten(site: Site, scans: LiveBlock, back: bool) -> None:
+    """1.5 m of the map's own ground in another's: windows that found it do not confirm it, however near they search,
+    and carry it back no farther."""
+    own = slice(PIECE, PIECE + int(1.5 / STEP_M))
     traces = scans_of(site, "impostor").traces[: len(scans.traces)]
     traces[own] = scans.traces[own]
-    found = replay(site, part_of(scans, slice(0, len(traces)))._replace(traces=traces), OPTIONS)
+    found = replay(site, part_of(scans, slice(0, len(traces)))._replace(traces=traces), OPTIONS, back=back)
     ok = np.flatnonzero(found.ok)
     assert len(ok)
-    assert own.start <= ok.min()
+    assert (own.start - ok.min()) * STEP_M < (3.0 if back else 0.01)
     assert (ok.max() - own.stop) * STEP_M < 1.5
     assert found.off_m[ok].max() < 0.3
 
@@ -132,12 +134,12 @@ def noisy(scans: LiveBlock) -> LiveBlock:
     return scans._replace(traces=scans.traces + noise)
 
 
-@pytest.mark.parametrize(("most", "least", "apart_m"), [(4096, 0.99, 1e-3), (200, 0.2, 0.1)])
+@pytest.mark.parametrize(("most", "least", "apart_m"), [(4096, 0.99, 1e-3), (100, 0.2, 0.1)])
 def test_a_place_is_carried_back_to_where_the_vehicle_stood(
     site: Site, noisy: LiveBlock, most: int, least: float, apart_m: float
 ) -> None:
     """At the start; no more scans about a place are held at once than memory is meant for."""
-    stand = 600
+    stand = 300
     held = part_of(noisy, np.concatenate([np.zeros(stand, int), np.arange(300)]))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lgprjax.registration.search._MOST_SCANS", most)
@@ -152,7 +154,6 @@ def test_the_first_metres_are_found_from_what_lies_ahead(site: Site, noisy: Live
     """These metres have fixes as well, once there is a place."""
     forward, found = (replay(site, noisy, OPTIONS, back=back) for back in (False, True))
     first = int(np.argmax(forward.ok))
-    print(f"first fix after {first * STEP_M:.1f} m; {forward.ok.mean():.2f} ok, {found.ok.mean():.2f} carried back")
     assert first * STEP_M > 1.0
     assert found.ok[:first].mean() > 0.95
     assert found.ok.mean() > 0.97
@@ -171,28 +172,14 @@ def test_a_place_is_not_carried_back_far_over_other_ground(site: Site, scans: Li
     traces[:begin] = scans_of(site, "impostor").traces[:begin]
     found = replay(site, scans._replace(traces=traces), OPTIONS, back=True)
     ok = np.flatnonzero(found.ok)
-    print(f"carried back over {(begin - ok.min()) * STEP_M:.1f} m of other ground")
     assert found.ok[begin:].mean() > 0.9
     assert (begin - ok.min()) * STEP_M < 6.5
     assert found.off_m[ok].max() < 0.3
 
 
-@pytest.mark.parametrize("begin", [120, 360, 520])
-def test_a_piece_of_the_map_in_other_ground_is_not_carried_back_far(site: Site, scans: LiveBlock, begin: int) -> None:
-    own = slice(begin, begin + int(1.5 / STEP_M))
-    traces = scans_of(site, "impostor").traces[: len(scans.traces)]
-    traces[own] = scans.traces[own]
-    found = replay(site, part_of(scans, slice(0, len(traces)))._replace(traces=traces), OPTIONS, back=True)
-    ok = np.flatnonzero(found.ok)
-    print(f"carried back over {(own.start - ok.min()) * STEP_M:.1f} m of other ground")
-    assert (own.start - ok.min()) * STEP_M < 3.0
-    assert found.off_m[ok].max() < 0.3
-
-
 def test_a_prior_beyond_all_that_is_searched_gives_no_fix(site: Site, scans: LiveBlock) -> None:
-    """3 m off where one metre, then two, are searched."""
-    found = replay(site, shifted(scans, 2.2), RegisterOptions(search_m=1.0))
-    assert not found.ok.any()
+    """5 m off where one and a half, then three, are searched."""
+    assert not replay(site, shifted(scans, 4.2), OPTIONS).ok.any()
 
 
 def test_off_the_map_has_a_code_of_its_own(site: Site, scans: LiveBlock) -> None:
@@ -216,34 +203,22 @@ def test_half_an_array_on_the_map_is_too_little(site: Site, scans: LiveBlock) ->
     assert np.any(found.fix.code == Code.LOW_OVERLAP)
 
 
-def over_a_gap(site: Site, scans: LiveBlock) -> Replay:
+def test_no_window_reaches_over_a_gap_in_travel(site: Site, scans: LiveBlock, plain: Replay) -> None:
     """What the vehicle did between two legs nobody knows: here it is 5 m that odometry has not counted."""
     kept = np.concatenate([np.arange(GAP), np.arange(GAP + 140, len(scans.traces))])
     block = part_of(scans, kept)
-    track: Track = block.track
-    travel = track.travel_m.copy()
+    travel = block.track.travel_m.copy()
     travel[GAP:] -= travel[GAP] - travel[GAP - 1]
     leg = (np.arange(len(kept)) >= GAP).astype(np.int64)
-    return replay(site, block._replace(track=track._replace(travel_m=travel, leg=leg)), OPTIONS)
-
-
-def test_no_window_reaches_over_a_gap_in_travel(site: Site, scans: LiveBlock, plain: Replay) -> None:
-    found, gap = over_a_gap(site, scans), GAP
-    travel = found.block.track.travel_m
-    since_m = travel[gap:] - travel[gap]
-    window_m = found.fix.window_m[gap:]
+    found = replay(site, block._replace(track=block.track._replace(travel_m=travel, leg=leg)), OPTIONS)
+    window_m = found.fix.window_m[GAP:]
     known = np.isfinite(window_m)
-    # The first scans of the new leg still have what was carried on from the one before; see the next test.
+    # The first scans of the new leg still have what was carried on from the one before, which is no fix.
     known[: int(0.15 / STEP_M)] = False
-    assert np.all(window_m[known] <= since_m[known] + 0.15)
-    assert found.off_m[gap + 5 :][found.ok[gap + 5 :]].max() < 0.3
-    assert found.ok[gap + 60 :].mean() > 0.85
-    assert np.max(plain.fix.window_m[gap : gap + 28]) >= 1.0
-
-
-def test_no_fix_is_carried_over_a_gap_in_travel(site: Site, scans: LiveBlock) -> None:
-    found = over_a_gap(site, scans)
+    assert np.all(window_m[known] <= travel[GAP:][known] - travel[GAP] + 0.15)
     assert found.off_m[found.ok].max() < 0.3
+    assert found.ok[GAP + 60 :].mean() > 0.85
+    assert np.max(plain.fix.window_m[GAP : GAP + 28]) >= 1.0
 
 
 def test_noise_of_the_prior_is_none_of_the_fix(site: Site, scans: LiveBlock, plain: Replay) -> None:
@@ -264,6 +239,6 @@ def test_memory_does_not_grow_with_the_drive(site: Site, scans: LiveBlock) -> No
         stops = drive.search._stops
         held.append(0 if stops is None else len(stops.number))
 
-    found = replay(site, part_of(scans, np.tile(np.arange(0, 200), 3)), OPTIONS, block_scans=100, watch=count)
+    found = replay(site, part_of(scans, np.tile(np.arange(0, 200), 3)), OPTIONS, sizes=repeat(100), watch=count)
     assert len(found.fix.code) == 600
     assert max(held) <= 2 * (8.0 / 0.1)

@@ -24,11 +24,8 @@ def gaps_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
         return log.scan_time_s, gnss_gaps(log)
 
 
-def test_a_steady_drive_has_no_gap(site: Site) -> None:
-    assert not gaps_of(site.logs["live"])[1].any()
-
-
-def test_silence_is_a_gap(edited: Path) -> None:
+def test_silence_is_a_gap_and_a_steady_drive_has_none(edited: Path) -> None:
+    assert not gaps_of(edited)[1].any()
     with h5py.File(edited, "r+") as store:
         group = store["gnss_ins"]
         time_s = group["time_s"][()]

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from lgprjax.batch import compare_fixes
-from lgprjax.errors import InputError
 from lgprjax.formats import Trajectory, write_trajectory
 from lgprjax.frames import LocalFrame
+from refusals import refused
 
 _FRAME = LocalFrame(42.0, -71.0, 30.0)
 
@@ -42,7 +42,7 @@ def _matrix(heading_deg: float, roll_deg: float) -> np.ndarray:
     return np.stack([forward, left, np.cross(forward, left)], axis=1)
 
 
-def test_tum_has_places_and_attitudes(drive: Trajectory, tmp_path: Path) -> None:
+def test_tum_and_kitti_have_places_and_attitudes(drive: Trajectory, tmp_path: Path) -> None:
     write_trajectory(tmp_path / "d.tum", drive, _FRAME)
     rows = np.loadtxt(tmp_path / "d.tum")
     way = np.linspace(0.0, 20.0, 9)
@@ -55,9 +55,6 @@ def test_tum_has_places_and_attitudes(drive: Trajectory, tmp_path: Path) -> None
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
     np.testing.assert_allclose(turned, _matrix(30.0, 5.0), atol=1e-5)
-
-
-def test_kitti_has_the_same_matrices(drive: Trajectory, tmp_path: Path) -> None:
     write_trajectory(tmp_path / "d.kitti", drive, _FRAME)
     rows = np.loadtxt(tmp_path / "d.kitti").reshape(-1, 3, 4)
     np.testing.assert_allclose(rows[4, :, :3], _matrix(30.0, 5.0), atol=1e-5)
@@ -85,9 +82,9 @@ def test_geojson_and_kml_are_on_the_earth(drive: Trajectory, tmp_path: Path) -> 
 
 
 def test_what_cannot_be_written_is_refused(drive: Trajectory, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\.tum, \.kitti, \.geojson, \.kml"):
+    with refused(None, ".tum", ".kitti", ".geojson", ".kml", file="d.txt"):
         write_trajectory(tmp_path / "d.txt", drive, _FRAME)
-    with pytest.raises(InputError, match="at least one pose"):
+    with refused(file="d.tum"):
         write_trajectory(tmp_path / "d.tum", _trajectory(np.zeros(0), np.zeros(0), 0.0, 0.0), _FRAME)
     assert list(tmp_path.iterdir()) == []
 
@@ -126,14 +123,14 @@ def test_two_registrations_are_compared_where_both_are_ok() -> None:
 
 def test_fixes_of_two_drives_are_not_compared() -> None:
     table = _fixes(np.zeros(3), np.arange(3.0), ["ok"] * 3)
-    with pytest.raises(InputError, match="fixes of one drive"):
+    with refused("rows", 3, found=2, file="second"):
         compare_fixes(table, table.iloc[:2], "second")
-    with pytest.raises(InputError, match="the times of the first"):
+    with refused("column time_s", file="second"):
         compare_fixes(table, table.assign(time_s=table["time_s"] + 1.0), "second")
     one, other = table.copy(), table.copy()
     for told, each in ((one, "a"), (other, "b")):
         told.attrs["provenance"] = json.dumps({"drive": {"sha256": each}})
-    with pytest.raises(InputError, match="those of another drive"):
+    with refused("provenance", file="second"):
         compare_fixes(one, other, "second")
     nothing = table.assign(code="edge")
     assert compare_fixes(nothing, nothing, "second").rms_cross_m is None

@@ -12,8 +12,8 @@ import pytest
 from lgprjax.batch import ArchiveRun, Job, JobOutcome, WorkerPool
 from lgprjax.batch.folder import ScansDone
 from lgprjax.batch.jobs import FileStamp
-from lgprjax.errors import InputError
 from lgprjax.registration import RegisterOptions
+from refusals import refusal_in, refused
 
 # Answers what it is handed without looking inside, but for the drive's name.
 _BEGIN = """
@@ -58,8 +58,8 @@ def outcomes_of(pool: WorkerPool, *names: str) -> dict[str, JobOutcome]:
 
 
 def test_every_job_is_done_once_by_as_many_workers_as_asked(tmp_path: Path) -> None:
-    found = outcomes_of(pool_of(tmp_path, 3), *(f"drive {n}" for n in range(30)))
-    assert len(found) == 30
+    found = outcomes_of(pool_of(tmp_path, 3), *(f"drive {n}" for n in range(12)))
+    assert len(found) == 12
     assert {(outcome.error, outcome.attempts) for outcome in found.values()} == {(None, 1)}
     assert 1 <= len(list(tmp_path.iterdir())) <= 3
 
@@ -98,26 +98,20 @@ def test_scans_are_told_as_they_are_done_each_once(tmp_path: Path) -> None:
     assert {30, 40} <= set(told)
 
 
-def test_a_drive_whose_worker_dies_is_tried_again(tmp_path: Path) -> None:
-    found = outcomes_of(pool_of(tmp_path, 2), "first", "once", "last")
+def test_a_drive_whose_worker_dies_is_tried_again_three_times_at_most(tmp_path: Path) -> None:
+    """The others are done, once each."""
+    found = outcomes_of(pool_of(tmp_path, 2), "first", "once", "doomed", "last")
     assert (found["once"].error, found["once"].attempts) == (None, 2)
     assert found["first"].attempts == found["last"].attempts == 1
-
-
-def test_a_drive_that_kills_three_workers_is_given_up_and_the_others_are_done(tmp_path: Path) -> None:
-    found = outcomes_of(pool_of(tmp_path, 1), "first", "doomed", "last")
+    assert found["first"].error is found["last"].error is None
     error = found["doomed"].error
     assert error is not None
-    assert str(error) == (
-        "/nowhere/doomed.drive.h5: registration: expected a worker that survives, "
-        "found 3 that died, the last by signal 9 (Killed)"
-    )
+    refusal_in(error).check("registration", file="/nowhere/doomed.drive.h5", found="signal 9")
     assert found["doomed"].attempts == 3
-    assert found["first"].error is found["last"].error is None
 
 
 def test_workers_that_cannot_begin_end_the_run_with_their_last_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a process that opens the map, found exit 1: OSError: no room$"):
+    with refused(None, found="exit 1: OSError: no room"):
         outcomes_of(pool_of(tmp_path, 2, "raise OSError('no room')"), "first", "second")
 
 
@@ -127,7 +121,7 @@ from lgprjax.errors import InputError
 (folder / f"{os.getpid()}").touch()
 connection.send(InputError("m.map.h5", "file", "a map", "none"))
 """
-    with pytest.raises(InputError, match=r"m\.map\.h5: file: expected a map, found none"):
+    with refused("file", file="m.map.h5", found="none"):
         outcomes_of(pool_of(tmp_path, 1, refuses), "first")
     assert len(list(tmp_path.iterdir())) == 1
 

@@ -1,5 +1,6 @@
 """The generated site of the tests: drives, map and registrations, made once a session in float32 as shipped."""
 
+import pickle
 from collections.abc import Callable, Iterable, Iterator
 from itertools import repeat
 from pathlib import Path
@@ -7,7 +8,9 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
+import pytest
 
+from canon.shared import shared_folder
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.recording import live_operators, recording_of, track_of_drive
 from lgprjax.batch.register import HeldGround, true_poses
@@ -26,11 +29,18 @@ class Site(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """A drive as it was fed, and what came of it."""
+    """A drive as it was fed, and what came of it.
+
+    Attributes:
+        block: the scans.
+        fix, time_scale: of each.
+        beside: the part of the east and north covariances due to map and odometer.
+    """
 
     block: LiveBlock
     fix: Fix
     time_scale: np.ndarray
+    beside: np.ndarray
 
     @property
     def ok(self) -> np.ndarray:
@@ -64,6 +74,17 @@ def register_site(site: Site, name: str) -> RegisteredDrive:
     """Register one of the site's drives by default, prior wrong by a metre."""
     with MapFile.open(site.map) as source, DriveLog.open(site.logs[name]) as log:
         return register_log(source, log, RegisterOptions(search_m=1.5))
+
+
+def registered_once(factory: pytest.TempPathFactory, site: Site, name: str) -> RegisteredDrive:
+    """As ``register_site``, once a session for all workers."""
+
+    def make(folder: Path) -> None:
+        (folder / "drive.pickle").write_bytes(pickle.dumps(register_site(site, name)))
+
+    found = pickle.loads((shared_folder(factory, f"registered_{name}", make) / "drive.pickle").read_bytes())
+    assert isinstance(found, RegisteredDrive)
+    return found
 
 
 def scans_of(site: Site, name: str, scans: int | None = None) -> LiveBlock:
@@ -135,4 +156,4 @@ def replay(
         found: DriveFixes = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
         if back:
             found = carry_back(found, block.track, blocks, begin)
-    return Replay(block, found.fix, found.time_scale)
+    return Replay(block, found.fix, found.time_scale, found.map_odometry_covariance)
