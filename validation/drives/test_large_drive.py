@@ -1,4 +1,4 @@
-"""A drive of 10 GB is read, processed and registered in bounded memory. Run by ``make campaign``."""
+"""A drive of 10 GB is read, processed and registered in bounded memory."""
 
 import json
 import os
@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from canon.site import Site
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack
@@ -54,7 +53,6 @@ def write_large(source: Path, target: Path, gigabytes: float) -> int:
         return passes * stored.nbytes
 
 
-@pytest.mark.campaign
 def test_ten_gigabytes_in_two(site: Site, tmp_path: Path) -> None:
     large = tmp_path / "large.drive.h5"
     size = write_large(site.logs["live"], large, GIGABYTES)

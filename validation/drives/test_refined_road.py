@@ -138,7 +138,6 @@ def refined(road: Road, output: Path) -> AgreedBaselines:
     return agreed
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("errors", ["smooth", "rough"])
 def test_three_baselines_over_two_hundred_metres(tmp_path: Path, errors: str) -> None:
     """Rough: a Gauss-Markov process of the first order, which walks by 4 cm a root metre."""
@@ -159,7 +158,6 @@ def test_three_baselines_over_two_hundred_metres(tmp_path: Path, errors: str) ->
     assert apart[1] <= (0.05 if errors == "smooth" else 0.1)
 
 
-@pytest.mark.campaign
 def test_three_baselines_over_two_kilometres(tmp_path: Path) -> None:
     road = make_road_map(tmp_path / "long", 2000.0, "smooth")
     output = tmp_path / "long.map.h5"

@@ -35,7 +35,6 @@ def turned(source: Path, target: Path, angle_rad: float, moved_m: tuple[float, f
     return target
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("prior_m", [(0.0, 0.0), (_EAST_M, _NORTH_M)])
 def test_a_road_to_the_north_east_is_registered_like_one_to_the_east(
     site: Site, tmp_path: Path, prior_m: tuple[float, float]
