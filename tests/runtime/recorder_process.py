@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 from lgprjax.formats.run_log import read_run
 from lgprjax.run_records import Record, RecordKind, Source, pack
-from lgprjax.runtime.process import RINGS, Heartbeats
+from lgprjax.runtime.config import read_config
+from lgprjax.runtime.process import RINGS, Heartbeats, Started
+from lgprjax.runtime.recorder import Recorder
 from lgprjax.runtime.ring import Ring
 
 LOGS = ("control_log", "registration_log", "supervisor_log")
@@ -60,6 +62,11 @@ def start_recorder(place: Place, *, after_death: bool = False, limit: int | None
         assert time.monotonic() < until_s, "the recorder does not come up"
         time.sleep(0.005)
     return process
+
+
+def make_recorder(place: Place, *, after_death: bool = False) -> Recorder:
+    """A recorder in this process."""
+    return Recorder(Started("recorder", read_config(place.config), place.rings, place.run, after_death))
 
 
 def end(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -145,3 +152,34 @@ def recorded(place: Place) -> dict[str, list[bytes]]:
         name = "registration_log" if size > 100 else "supervisor_log" if size == 2 else "control_log"
         found[name].append(data)
     return found
+
+
+def check_kills(folder: Path, kills: int, seed: int) -> None:
+    """A recorder killed at random moments under load: what it was fed is on the disk, once and in order."""
+    place = make_place(folder, least_free_mb=0, segment_s=1.0)
+    rng = random.Random(seed)
+    process = start_recorder(place)
+    feeder = Feeder(place, seed)
+    checked = 0
+    try:
+        for _ in range(kills):
+            time.sleep(rng.uniform(0.0, 0.4))
+            process.kill()
+            process.communicate()
+            found = recorded(place)
+            for name in LOGS:
+                # None invented, altered, left out or twice; and all that was there two passes before, 0.04 s.
+                assert found[name] == feeder.put[name][: len(found[name])]
+                assert len(found[name]) >= feeder.due(name)
+                checked += feeder.due(name)
+            process = start_recorder(place, after_death=True)
+    finally:
+        feeder.end()
+        status = end(process)
+    assert status == (0, "")
+    assert recorded(place) == feeder.put
+    assert checked > 100 * kills
+    summary = read_run(place.run).summary
+    assert summary.complete
+    assert summary.damaged == ()
+    assert summary.segments > kills

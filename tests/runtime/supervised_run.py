@@ -152,6 +152,32 @@ class SupervisedRun:
             self.notes.append(Note(json.loads(record.payload), record.mono_ns))
 
 
+def check_death(folder: Path, name: str, by: int, silent_s: float) -> tuple[float, str]:
+    """A toy is signalled in a run with real time, as on a vehicle: told to all, started anew, gone.
+
+    Returns:
+        Seconds until it was found dead, and why.
+    """
+    with SupervisedRun(folder, "[control]\nrealtime_priority = 20", silent_s=silent_s).start() as run:
+        run.wait_ready()
+        before = run.starts(name)
+        pid, began_ns = before[-1][0], time.monotonic_ns()
+        os.kill(pid, by)
+        died = run.wait_note(after_ns=began_ns, died=name)
+        run.wait_note(after_ns=died.mono_ns, ready=name)
+        starts = run.starts(name)
+        log = [unpack(message) for message in Ring(run.rings / "supervisor_log").take()]
+        status, _, errors = run.end()
+    why = str(died.content["why"])
+    assert starts[len(before)][1] is (name in ("control", "recorder"))
+    assert not is_there(pid)
+    # The recorder is told the same, and so is a person.
+    assert (died.mono_ns, died.content) in [(record.mono_ns, json.loads(record.payload)) for record in log]
+    assert any(name in line and why in line for line in errors.splitlines())
+    assert status == 0
+    return (died.mono_ns - began_ns) / 1e9, why
+
+
 def is_there(pid: int) -> bool:
     """Whether a process exists and is not merely waiting to be reaped."""
     try:

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgprjax.errors import InputError
 from lgprjax.frames import LocalFrame
 from lgprjax.runtime.cart import read_cart_fixes, read_cart_run
 from lgprjax.worked.layers import cover_figures, grid_of, inside_of
 from lgprjax.worked.plans import PlanFile, PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
 from lgprjax.worked.record import record_cover
 from navigation.cart_drives import ANTENNA_X_M, ANTENNA_Y_M
+from refusals import refused
 from true_cells import true_cells
 
 FRAME = LocalFrame(40.0, -100.0, 0.0)
@@ -131,17 +131,15 @@ def test_a_log_is_read_with_its_dates_across_midnight(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("quality", [4, 5], ids=["fixed", "float"])
-@pytest.mark.parametrize("order", list(itertools.permutations(("GGA", "GST", "RMC"))))
-def test_a_stated_accuracy_holds_in_whatever_order_the_sentences_come(
-    tmp_path: Path, order: tuple[str, ...], quality: int
-) -> None:
+def test_a_stated_accuracy_holds_in_whatever_order_the_sentences_come(tmp_path: Path, quality: int) -> None:
     pose, time_s = pulled()
     few = slice(0, 300, 10)
     antenna = antenna_of(pose[few], np.random.default_rng(5))
-    (tmp_path / "cart.nmea").write_bytes(log_of(time_s[few], antenna, order=order, quality=quality, sigma_m=0.08))
-    fixes = read_cart_fixes(tmp_path / "cart.nmea")
-    assert len(fixes.utc_ns) == len(antenna)
-    np.testing.assert_allclose(fixes.sigma_m, 0.08)
+    for order in itertools.permutations(("GGA", "GST", "RMC")):
+        (tmp_path / "cart.nmea").write_bytes(log_of(time_s[few], antenna, order=order, quality=quality, sigma_m=0.08))
+        fixes = read_cart_fixes(tmp_path / "cart.nmea")
+        assert len(fixes.utc_ns) == len(antenna)
+        np.testing.assert_allclose(fixes.sigma_m, 0.08)
 
 
 def test_what_a_log_lacks_is_told(tmp_path: Path) -> None:
@@ -149,14 +147,12 @@ def test_what_a_log_lacks_is_told(tmp_path: Path) -> None:
     few = slice(0, 300, 10)
     antenna = antenna_of(pose[few], np.random.default_rng(4))
     (tmp_path / "undated.nmea").write_bytes(log_of(time_s[few], antenna, dated=False))
-    with pytest.raises(
-        InputError, match="date: expected RMC or ZDA sentences, or NAV-PVT, beside the positions, found none"
-    ):
+    with refused("date", "RMC", "ZDA", "NAV-PVT"):
         read_cart_fixes(tmp_path / "undated.nmea")
     (tmp_path / "empty.nmea").write_bytes(b"nothing at all")
-    with pytest.raises(InputError, match="positions: expected GGA sentences or NAV-PVT"):
+    with refused("positions", "GGA", "NAV-PVT"):
         read_cart_fixes(tmp_path / "empty.nmea")
-    with pytest.raises(InputError, match="file: expected the log of a receiver"):
+    with refused("file", file="none.nmea"):
         read_cart_fixes(tmp_path / "none.nmea")
     # Fixed, and no accuracy stated: 2 cm.
     (tmp_path / "unstated.nmea").write_bytes(log_of(time_s[few], antenna, stated=False))
@@ -180,12 +176,11 @@ def test_a_cart_is_recorded_where_it_was(folder: Path) -> None:
     assert 0.6 < processed.sum() / (over & inside).sum() < 0.95
     figures = cover_figures(record)
     assert figures.depth_mean_m is None
-    assert "of which nobody measured whether it worked" in figures.layers[0].sentence
     assert figures.fixed > 0.95
     assert record.provenance["runs"][0]["tool"] == "not measured"
 
 
 def test_a_cart_with_another_tool_is_refused(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "wide.vehicle.toml").write_text(VEHICLE.replace("width_m = 1.0", "width_m = 2.0"))
-    with pytest.raises(InputError, match=r"tool: expected that of f\.cover\.geojson"):
+    with refused("tool", "f.cover.geojson"):
         read_cart_run(folder / "cart.nmea", tmp_path / "wide.vehicle.toml", plan_of(folder))

@@ -1,6 +1,7 @@
 """A skid-steer vehicle in the closed loop of the runtime: its plan, its faults with their times, its corners.
 
-Numbers are those of the fault list in docs/onboard.md. Faults begin on a line, with the tool on, and in a turn.
+Numbers are those of the fault list in docs/onboard.md. Faults begin on a line, with the tool on; those that begin in a
+turn, and whole fields: ``validation/loops/test_field.py``.
 """
 
 import json
@@ -17,16 +18,14 @@ from canon.field_loop import BEGIN_NS, FieldLoop
 from lgprjax.autopilot import Mode
 from lgprjax.autopilot.fence import pad_fence
 from lgprjax.autopilot.modes import Action
-from lgprjax.errors import InputError
 from lgprjax.run_records import RecordKind, StopBits, ToolBits
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.modes import ModeKeeper
 from lgprjax.runtime.control.skid.setup import load_skid
-from lgprjax.runtime.control.skid.watches import SkidFound
+from lgprjax.runtime.control.skid.watches import TEXT, SkidFound
 from lgprjax.simulation.devices import field_stage
-
-BOTH = pytest.mark.parametrize("where", ["line", "turn"])
+from refusals import refused
 
 
 @pytest.fixture(scope="module")
@@ -77,25 +76,24 @@ def test_it_drives_its_line_with_the_tool_on_and_turns_with_it_off(moments: Mome
     assert len(line.covers) == pytest.approx(line.time_s * 10.0, abs=12)
 
 
-def test_it_goes_on_without_gnss_for_half_a_minute(moments: Moments) -> None:
+def test_it_goes_on_without_gnss(moments: Moments) -> None:
     loop = moments.at("line")
     first = len(loop.rows)
     loop.inject({"kind": "gnss_off", "for_s": 30.0})
-    loop.run(20.0)
+    loop.run(10.0)
     assert {int(row["mode"]) for row in loop.rows[first:]} == {int(Mode.SPEED)}
-    assert loop.state["field"]["gnss_age_s"] > 18.0
+    assert loop.state["field"]["gnss_age_s"] > 8.0
     true = loop.stage.moved
     off = np.hypot(*(loop.rows[-1]["pose"][:2] - (true.x_m, true.y_m)))
     assert off < 4.0 * float(loop.rows[-1]["sigma"][:2].max())
     loop.within_limits(first)
 
 
-@BOTH
-def test_35_a_remote_control_that_is_silent_stops_it_within_a_second(moments: Moments, where: str) -> None:
-    loop = moments.at(where)
+def test_35_a_remote_control_that_is_silent_stops_it_within_a_second(moments: Moments) -> None:
+    loop = moments.at("line")
     first, begun_s = len(loop.rows), loop.time_s
     loop.inject({"kind": "line_silent", "line": "controller"})
-    loop.run(4.0)
+    loop.run(3.0)
     assert found_after(loop, first, SkidFound.REMOTE_SILENT) <= 1.0
     assert stops(loop, first), loop.events[-5:]
     assert not counted(loop, begun_s + 1.2)
@@ -103,23 +101,19 @@ def test_35_a_remote_control_that_is_silent_stops_it_within_a_second(moments: Mo
     loop.within_limits(first)
 
 
-@BOTH
-def test_36_it_stops_before_an_edge_that_it_would_cross(moments: Moments, where: str) -> None:
-    loop = moments.at(where)
+def test_36_it_stops_before_an_edge_that_it_would_cross(moments: Moments) -> None:
+    loop = moments.at("line")
     first = len(loop.rows)
     true = loop.stage.moved
     # Across the way of the tool, so far ahead that it can be kept.
     ahead_m = 1.35 + 1.6
     x = true.x_m + ahead_m * math.cos(true.yaw_rad)
     corners = np.array([[-40.0, -40.0], [x, -40.0], [x, 40.0], [-40.0, 40.0]])
-    if where == "turn":
-        y = true.y_m - ahead_m
-        corners = np.array([[-40.0, y], [x + 0.4, y], [x + 0.4, 40.0], [-40.0, 40.0]])
     pilot = loop.kind.pilot
     pilot._loaded = moments.loaded._replace(fence=pad_fence(corners))
-    # It slows down on the way there, in a turn to a tenth.
-    loop.run(40.0)
-    assert found_after(loop, first, SkidFound.EDGE) < 40.0
+    # It slows down on the way there.
+    assert loop.run(20.0, until=lambda each: each.mode is Mode.MANUAL)
+    assert found_after(loop, first, SkidFound.EDGE) < 20.0
     assert stops(loop, first), loop.events[-5:]
     truth = loop.stage.truth.arrays()
     tool = moments.loaded.setup.tool
@@ -141,7 +135,7 @@ def test_37_a_tool_that_does_not_work_stops_it_and_counts_nothing(
     loop = moments.at("line")
     first, begun_s = len(loop.rows), loop.time_s
     loop.inject(fault)
-    loop.run(3.0)
+    loop.run(2.0)
     assert found_after(loop, first, bit) <= 0.2
     assert stops(loop, first), loop.events[-5:]
     assert not counted(loop, begun_s + 0.21)
@@ -160,7 +154,7 @@ def test_engaged_beside_its_line_it_stops_and_its_tool_never_works(moments: Mome
     place = {"x_m": x_m + 6.0 * math.cos(heading) + aside_m * math.sin(heading),
              "y_m": y_m + 6.0 * math.sin(heading) - aside_m * math.cos(heading)}  # fmt: skip
     loop.act({"do": "drive_to", **place, "speed_mps": 0.7})
-    loop.run(14.0)
+    loop.run(10.0)
     first = len(loop.rows)
     for button in ("steering", "plus"):
         loop.act({"do": "press", "button": button, "for_s": 0.3})
@@ -181,7 +175,7 @@ def test_a_position_that_is_too_uncertain_stops_it(moments: Moments) -> None:
     pilot = loop.kind.pilot
     pilot._loaded = moments.loaded._replace(setup=setup._replace(health=health))
     loop.inject({"kind": "gnss_off"})
-    loop.run(12.0)
+    assert loop.run(12.0, until=lambda each: each.mode is Mode.MANUAL)
     assert found_after(loop, first, SkidFound.UNCERTAIN) < 12.0
     assert stops(loop, first), loop.events[-5:]
     loop.within_limits(first)
@@ -192,29 +186,26 @@ def test_14_a_track_whose_sensor_is_dead_stops_it(moments: Moments, fault: str, 
     loop = moments.at("line")
     first = len(loop.rows)
     loop.inject({"kind": fault})
-    loop.run(4.0)
+    loop.run(2.5)
     assert found_after(loop, first, bit) <= 0.7
     assert loop.mode is Mode.MANUAL, loop.events[-5:]
     loop.within_limits(first)
 
 
-@BOTH
 @pytest.mark.parametrize(
-    ("fault", "within_s"),
+    "fault",
     [
-        ({"kind": "line_silent", "line": "drive_by_wire"}, 0.3),
-        ({"kind": "line_corrupt", "line": "drive_by_wire"}, 0.3),
-        ({"kind": "bus_off"}, 0.3),
-        ({"kind": "supply_sag", "v": 5.0, "for_s": 2.0}, 0.4),
+        {"kind": "line_silent", "line": "drive_by_wire"},
+        {"kind": "line_corrupt", "line": "drive_by_wire"},
+        {"kind": "supply_sag", "v": 5.0, "for_s": 2.0},
     ],
 )
-def test_23_24_without_its_box_it_is_an_error(
-    moments: Moments, where: str, fault: dict[str, object], within_s: float
-) -> None:
-    loop = moments.at(where)
+def test_23_24_without_its_box_it_is_an_error(moments: Moments, fault: dict[str, object]) -> None:
+    loop = moments.at("line")
     first = len(loop.rows)
     loop.inject(fault)
-    loop.run(1.0)
+    loop.run(0.6)
+    within_s = 0.4 if fault["kind"] == "supply_sag" else 0.3
     assert loop.when(first, lambda row: Mode(int(row["mode"])) is Mode.ERROR) <= within_s, loop.events[-5:]
     assert not int(loop.rows[-1]["engage"]) & 1
     assert not int(loop.rows[-1]["tool"])
@@ -232,11 +223,11 @@ def test_ground_counts_by_remote_control_only_while_the_box_is_heard(
     assert not int(loop.rows[-1]["engage"])
     assert counted(loop, loop.time_s - 0.3)
     loop.inject({"kind": "line_silent", "line": "drive_by_wire"})
-    loop.run(3.0)
+    loop.run(1.5)
     box = loop.kind.senses.box
     assert box is not None
     last_s = (box.arrival_ns - BEGIN_NS) / 1e9
-    assert loop.time_s - last_s > 2.5
+    assert loop.time_s - last_s > 1.0
     assert loop.state["field"]["gnss_age_s"] < 2.0
     assert counted(loop, last_s - 0.3)
     assert not counted(loop, last_s + 0.1)
@@ -305,7 +296,7 @@ def test_without_the_map_of_cells_it_drives_slowly_and_stops_where_it_is_mandato
     loop.run(2.5)
     assert loop.mode is Mode.SPEED
     assert float(loop.rows[-1]["speed_mps"]) < 0.25
-    assert "the map of what is worked is not being kept" in loop.state["warnings"]
+    assert len(loop.state["warnings"]) == len(moments.line.state["warnings"]) + 1
     loop = moments.at("line")
     first = len(loop.rows)
     loop.core.processes.mandatory = True
@@ -320,10 +311,10 @@ def test_engaging_is_refused_until_the_heading_is_known(moments: Moments) -> Non
     loop = FieldLoop(moments.config, moments.loaded, pose, script, [])
     loop.run(2.4)
     assert loop.mode is Mode.READY
-    assert loop.state["refusal_text"] == "heading not known: drive straight by remote control"
+    assert loop.state["refusal_text"] == TEXT[SkidFound.HEADING_UNKNOWN]
     assert not any(int(row["engage"]) for row in loop.rows)
     assert loop.run(12.0, until=lambda each: bool(int(each.rows[-1]["known"]) & 2))
-    assert loop.run(0.3) is False
+    assert not loop.run(0.3)
     assert loop.state["refusal"] == "NONE"
 
 
@@ -338,7 +329,8 @@ def test_corners_are_marked_by_remote_control_without_a_plan(folder: Path) -> No
     ]
     loop = FieldLoop(config, loaded, (0.0, 0.0, 0.0), script, [])
     loop.run(16.0)
-    assert any("heading not known" in event for _, event in loop.events)
+    # The first one while its heading was not known.
+    assert [json.loads(event)["refused"] for _, event in loop.events if '"refused"' in event] == ["corner"]
     (corner,) = loop.corners
     x, y, _ = loop.stage._frame.to_local(
         np.array([corner["latitude_deg"]]), np.array([corner["longitude_deg"]]), np.array([corner["height_m"]])
@@ -346,7 +338,8 @@ def test_corners_are_marked_by_remote_control_without_a_plan(folder: Path) -> No
     assert math.hypot(float(x[0]) - loop.stage.moved.x_m, float(y[0]) - loop.stage.moved.y_m) < 0.08
     assert 0.005 < corner["sigma_m"] < 0.1
     assert loop.mode is Mode.READY
-    assert loop.state["refusal_text"] == "no plan: mark three corners, then lgprjax cover plan"
+    assert loop.state["refusal_text"] == loop.kind.inhibit_text()
+    assert not any(int(row["engage"]) for row in loop.rows)
 
 
 def test_the_same_records_give_the_same_frames_to_the_bit(moments: Moments) -> None:
@@ -359,15 +352,6 @@ def test_the_same_records_give_the_same_frames_to_the_bit(moments: Moments) -> N
     assert json.loads(json.dumps(loop.state))["field"]["line"] == 1
 
 
-@pytest.mark.campaign
-def test_a_whole_field_is_driven_without_intervention(moments: Moments) -> None:
-    loop = moments.at("line")
-    loop.inject({"kind": "gnss_off", "at_s": 30.0, "for_s": 30.0, "every_s": 90.0})
-    assert loop.run(600.0, until=lambda each: each.mode is not Mode.SPEED)
-    assert any("the plan is done" in event for _, event in loop.events), loop.events[-5:]
-    assert {int(row["line"]) for row in loop.rows} >= set(range(moments.loaded.lines))
-
-
 def test_a_plan_with_turns_that_the_vehicle_cannot_drive_is_refused(folder: Path, tmp_path: Path) -> None:
     """Its file was corrected since the plan was made, or the plan is of another machine with the same tool."""
     config = read_config(folder / "small.run.toml")
@@ -375,7 +359,7 @@ def test_a_plan_with_turns_that_the_vehicle_cannot_drive_is_refused(folder: Path
     assert "smallest_radius_m = 1.5" in text
     wider = tmp_path / "wider.vehicle.toml"
     wider.write_text(text.replace("smallest_radius_m = 1.5", "smallest_radius_m = 2.5"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"turns: expected none tighter than 2\.5 m, the smallest radius of wider"):
+    with refused("turns", 2.5, "wider.vehicle.toml"):
         load_skid(config.model_copy(update={"vehicle": str(wider)}))
 
 

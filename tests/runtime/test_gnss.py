@@ -88,9 +88,8 @@ def test_nav_pvt() -> None:
     assert (position.height_m, position.sigma_m, position.quality) == (12.345, 0.014, Quality.FIXED)
 
 
-@pytest.mark.parametrize(
-    ("changes", "quality"),
-    [
+def test_quality_of_nav_pvt() -> None:
+    qualities: list[tuple[dict[str, int], Quality]] = [
         ({"carrSoln": 1}, Quality.FLOAT),
         ({"carrSoln": 0}, Quality.SINGLE),
         ({"fixType": 4}, Quality.FIXED),
@@ -100,15 +99,14 @@ def test_nav_pvt() -> None:
         ({"gnssFixOk": 0}, Quality.NONE),
         ({"invalidLlh": 1}, Quality.NONE),
         ({"carrSoln": 3}, Quality.NONE),
-    ],
-)
-def test_quality_of_nav_pvt(changes: dict[str, int], quality: Quality) -> None:
-    position = _read(_pvt(**changes)).position
-    assert position is not None
-    assert position.quality is quality
-    # What is not a position is no number: nobody can take it for one.
-    assert math.isnan(position.latitude_deg) == (quality is Quality.NONE)
-    assert math.isnan(position.height_m) == (quality is Quality.NONE)
+    ]
+    for changes, quality in qualities:
+        position = _read(_pvt(**changes)).position
+        assert position is not None
+        assert position.quality is quality, changes
+        # What is not a position is no number: nobody can take it for one.
+        assert math.isnan(position.latitude_deg) == (quality is Quality.NONE)
+        assert math.isnan(position.height_m) == (quality is Quality.NONE)
 
 
 def test_sigma_that_is_not_told_is_no_number() -> None:
@@ -146,9 +144,8 @@ def test_heading_between_two_antennas() -> None:
     assert math.isnan(attitude.roll_deg)
 
 
-@pytest.mark.parametrize(
-    "raw",
-    [
+def test_what_says_nothing_of_use() -> None:
+    messages = [
         _pvt(iTOW=604800000),
         _pvt(lat=90.1),
         _pvt(lon=-180.1),
@@ -193,10 +190,8 @@ def test_heading_between_two_antennas() -> None:
         b"$",
         b"\xb5\x62",
         b"$GNHDT,12.5,T*00",
-    ],
-)
-def test_what_says_nothing_of_use(raw: bytes) -> None:
-    assert read_gnss(raw) is None
+    ]
+    assert [raw for raw in messages if read_gnss(raw) is not None] == []
 
 
 def test_gga() -> None:
@@ -211,14 +206,11 @@ def test_gga() -> None:
     assert (math.isnan(position.sigma_m), position.quality) == (True, Quality.FIXED)
 
 
-@pytest.mark.parametrize(("told", "quality"), [(0, 0), (1, 1), (2, 1), (3, 1), (4, 3), (5, 2), (6, 0), (7, 0), (8, 0)])
-def test_quality_of_gga(told: int, quality: int) -> None:
-    position = _read(_sentence(f"GNGGA,123519,4807.0,N,01131.0,W,{told},08,0.9,1,M,2,M,,")).position
-    assert position is not None
-    assert position.quality == quality
-
-
-def test_the_minute_of_a_leap_second() -> None:
+def test_quality_of_gga_and_the_minute_of_a_leap_second() -> None:
+    for told, quality in enumerate((0, 1, 1, 1, 3, 2, 0, 0, 0)):
+        position = _read(_sentence(f"GNGGA,123519,4807.0,N,01131.0,W,{told},08,0.9,1,M,2,M,,")).position
+        assert position is not None
+        assert position.quality == quality, told
     position = _read(_sentence("GNGGA,235960.20,4807.0,N,01131.0,W,4,08,0.9,1,M,2,M,,")).position
     assert position is not None
     assert position.tow_s == pytest.approx(86400.2)
@@ -291,18 +283,10 @@ def test_garbage_between_messages_is_refused_and_costs_none() -> None:
     assert all(0 < len(item.data) <= KEPT for item in refused)
 
 
-def test_memory_is_bounded() -> None:
-    parser = GnssParser()
-    for _ in range(10):
-        parser.feed(b"\xb5\x62\x01\x07\x00\x10" * 400)
-        parser.feed(b"$" + b"A" * 2000)
-        assert len(parser._buffer) <= 4096 + 8
-
-
 @given(
     st.sampled_from(_built()), st.lists(st.tuples(st.integers(0, 99), st.integers(0, 255)), max_size=4), st.booleans()
 )
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_no_bytes_raise(raw: bytes, changes: list[tuple[int, int]], mended: bool) -> None:
     changed = bytearray(raw)
     for at, value in changes:

@@ -70,8 +70,7 @@ def test_an_accuracy_is_of_its_own_position_whichever_comes_first() -> None:
             assert tick.place == receiver.place
 
 
-@pytest.mark.parametrize("first", ["gga", "gst"])
-@pytest.mark.parametrize("lost", [SINGLE, FLOAT])
+@pytest.mark.parametrize(("first", "lost"), [("gga", SINGLE), ("gst", FLOAT)])
 def test_the_first_position_after_a_loss_of_the_fix_is_not_a_centimetre(first: str, lost: int) -> None:
     receiver = Receiver()
     for second in range(3):

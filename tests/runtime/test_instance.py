@@ -5,11 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.process import memory_folder, only_instance
+from refusals import refused
 from runtime.supervised_run import write_config
 
 HOLD = """
@@ -38,12 +36,10 @@ def test_a_held_device_is_refused_by_the_number_of_its_holder(tmp_path: Path) ->
     config = config_of(tmp_path)
     with (
         only_instance(config, tmp_path / "a"),
-        pytest.raises(InputError) as refused,
+        refused("ports.drive_by_wire.url", found=os.getpid()),
         only_instance(config, tmp_path / "b"),
     ):
         pass
-    assert refused.value.place == "ports.drive_by_wire.url"
-    assert refused.value.found == f"process {os.getpid()} holds it"
     with only_instance(config, tmp_path / "b"):
         pass
 
@@ -55,7 +51,7 @@ def test_another_name_of_the_device_is_the_same_device(tmp_path: Path) -> None:
     second = config_of(tmp_path, str(tmp_path / "by-id"))
     with (
         only_instance(first, tmp_path / "a"),
-        pytest.raises(InputError, match="drive_by_wire"),
+        refused("ports.drive_by_wire.url", found=os.getpid()),
         only_instance(second, tmp_path / "b"),
     ):
         pass
@@ -66,11 +62,10 @@ def test_a_run_folder_has_one_writer(tmp_path: Path) -> None:
     second = config_of(tmp_path, f"socket://127.0.0.1:{os.getpid()}")
     with (
         only_instance(first, tmp_path / "run"),
-        pytest.raises(InputError, match="run folder") as refused,
+        refused(found=os.getpid()),
         only_instance(second, tmp_path / "." / "run"),
     ):
         pass
-    assert str(os.getpid()) in refused.value.found
     # The refused one let go of what it had already.
     with only_instance(second, tmp_path / "b"):
         pass
@@ -96,7 +91,7 @@ def test_a_killed_holder_holds_nothing(tmp_path: Path) -> None:
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"held\n"
-        with pytest.raises(InputError, match=f"found process {holder.pid} holds it"), only_instance(config, tmp_path):
+        with refused("ports.drive_by_wire.url", found=holder.pid), only_instance(config, tmp_path):
             pass
         holder.kill()
     with only_instance(config, tmp_path / "run"):

@@ -40,7 +40,7 @@ def _read(data: bytes) -> dict[str, object]:
     return found
 
 
-@pytest.mark.parametrize("heading_deg", [0.0, 30.0, 45.0, 90.0, 200.0])
+@pytest.mark.parametrize("heading_deg", [30.0, 200.0])
 def test_the_covariance_is_the_ellipse_turned_from_the_heading(heading_deg: float) -> None:
     """By a matrix: the heading is clockwise from north, and across it lies to its right."""
     given = Given(1.8e9, 42.0, -71.0, 30.0, heading_deg, 0.5, 0.02, 4)
@@ -70,33 +70,33 @@ def test_a_client_too_many_is_turned_away_and_the_others_go_on(config: RuntimeCo
         outlets.close()
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_a_reader_of_receivers_reads_it(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    latitude, longitude = rng.uniform(-89.0, 89.0), rng.uniform(-180.0, 180.0)
-    if seed % 4 == 0:
-        # Minutes that round to 60, and degrees of few digits.
-        latitude, longitude = math.floor(latitude) + 1.0 - 1e-11, rng.uniform(-1.0, 1.0)
-    heading = 359.9997 if seed % 5 == 0 else rng.uniform(0.0, 360.0)
-    along, cross = rng.uniform(0.005, 3.0, 2)
-    height = rng.uniform(-400.0, 8000.0)
-    given = Given(1.8e9 + rng.uniform(0.0, 86400.0), latitude, longitude, height, heading, along, cross, 4)
-    found = _read(sentences(given))
-    gga, hdt, gst = (found[name] for name in ("GGA", "HDT", "GST"))
-    assert abs(gga.lat - latitude) * _METRES_A_DEGREE < 0.001  # type: ignore[attr-defined]
-    assert abs(gga.lon - longitude) * _METRES_A_DEGREE < 0.001  # type: ignore[attr-defined]
-    assert (gga.quality, gga.alt) == (4, pytest.approx(height, abs=6e-4))  # type: ignore[attr-defined]
-    seconds = gga.time.hour * 3600 + gga.time.minute * 60 + gga.time.second + 1e-6 * gga.time.microsecond  # type: ignore[attr-defined]
-    assert abs((seconds - given.utc_s + 43200.0) % 86400.0 - 43200.0) < 0.006
-    assert abs((hdt.headingT - heading + 180.0) % 360.0 - 180.0) < 6e-4  # type: ignore[attr-defined]
-    assert 0.0 <= hdt.headingT < 360.0  # type: ignore[attr-defined]
-    # The variance of north by turning the ellipse, east likewise.
-    turned = math.radians(heading)
-    north = math.sqrt((along * math.cos(turned)) ** 2 + (cross * math.sin(turned)) ** 2)
-    east = math.sqrt((along * math.sin(turned)) ** 2 + (cross * math.cos(turned)) ** 2)
-    assert gst.stdLat == pytest.approx(north, abs=6e-4)  # type: ignore[attr-defined]
-    assert gst.stdLong == pytest.approx(east, abs=6e-4)  # type: ignore[attr-defined]
-    assert gst.stdMajor == pytest.approx(max(along, cross), abs=6e-4)  # type: ignore[attr-defined]
+def test_a_reader_of_receivers_reads_it() -> None:
+    rng = np.random.default_rng(1)
+    for number in range(10):
+        latitude, longitude = rng.uniform(-89.0, 89.0), rng.uniform(-180.0, 180.0)
+        if number % 4 == 0:
+            # Minutes that round to 60, and degrees of few digits.
+            latitude, longitude = math.floor(latitude) + 1.0 - 1e-11, rng.uniform(-1.0, 1.0)
+        heading = 359.9997 if number % 5 == 0 else rng.uniform(0.0, 360.0)
+        along, cross = rng.uniform(0.005, 3.0, 2)
+        height = rng.uniform(-400.0, 8000.0)
+        given = Given(1.8e9 + rng.uniform(0.0, 86400.0), latitude, longitude, height, heading, along, cross, 4)
+        found = _read(sentences(given))
+        gga, hdt, gst = (found[name] for name in ("GGA", "HDT", "GST"))
+        assert abs(gga.lat - latitude) * _METRES_A_DEGREE < 0.001  # type: ignore[attr-defined]
+        assert abs(gga.lon - longitude) * _METRES_A_DEGREE < 0.001  # type: ignore[attr-defined]
+        assert (gga.quality, gga.alt) == (4, pytest.approx(height, abs=6e-4))  # type: ignore[attr-defined]
+        seconds = gga.time.hour * 3600 + gga.time.minute * 60 + gga.time.second + 1e-6 * gga.time.microsecond  # type: ignore[attr-defined]
+        assert abs((seconds - given.utc_s + 43200.0) % 86400.0 - 43200.0) < 0.006
+        assert abs((hdt.headingT - heading + 180.0) % 360.0 - 180.0) < 6e-4  # type: ignore[attr-defined]
+        assert 0.0 <= hdt.headingT < 360.0  # type: ignore[attr-defined]
+        # The variance of north by turning the ellipse, east likewise.
+        turned = math.radians(heading)
+        north = math.sqrt((along * math.cos(turned)) ** 2 + (cross * math.sin(turned)) ** 2)
+        east = math.sqrt((along * math.sin(turned)) ** 2 + (cross * math.cos(turned)) ** 2)
+        assert gst.stdLat == pytest.approx(north, abs=6e-4)  # type: ignore[attr-defined]
+        assert gst.stdLong == pytest.approx(east, abs=6e-4)  # type: ignore[attr-defined]
+        assert gst.stdMajor == pytest.approx(max(along, cross), abs=6e-4)  # type: ignore[attr-defined]
 
 
 def test_a_serial_line_gives_the_same_and_holds_nobody_up(config: RuntimeConfig) -> None:
@@ -115,10 +115,10 @@ def test_a_serial_line_gives_the_same_and_holds_nobody_up(config: RuntimeConfig)
             places = [message.lon for message in messages[::3]]
             np.testing.assert_allclose(places, [each.longitude_deg for each in given], atol=1e-8)
             begun_s = time.monotonic()
-            for number in range(100):
+            for number in range(40):
                 outlets.send(sentences(given[0]), 3e9 + number)
             # Full after some kilobytes; then each further moment waits for the write's limit at most.
-            assert time.monotonic() - begun_s < 100 * 0.05 + 2.0
+            assert time.monotonic() - begun_s < 40 * 0.05 + 2.0
         finally:
             outlets.close()
     # Nothing is there any more: told as nothing, and tried again later.
@@ -127,13 +127,17 @@ def test_a_serial_line_gives_the_same_and_holds_nobody_up(config: RuntimeConfig)
     gone.close()
 
 
-@pytest.mark.parametrize("broken", [{"quality": 0}, {"latitude_deg": math.nan}, {"sigma_cross_m": math.inf}])
-def test_no_position_is_said_to_be_none(broken: dict[str, float]) -> None:
-    given = Given(1.8e9, 42.0, -71.0, 30.0, 10.0, 0.02, 0.02, 4)._replace(**broken)  # type: ignore[arg-type]
-    found = _read(sentences(given))
-    assert found["GGA"].quality == 0  # type: ignore[attr-defined]
-    assert found["GGA"].lat == ""  # type: ignore[attr-defined]
-    assert found["HDT"].headingT == ""  # type: ignore[attr-defined]
+def test_no_position_is_said_to_be_none() -> None:
+    given = Given(1.8e9, 42.0, -71.0, 30.0, 10.0, 0.02, 0.02, 4)
+    for broken in (
+        given._replace(quality=0),
+        given._replace(latitude_deg=math.nan),
+        given._replace(sigma_cross_m=math.inf),
+    ):
+        found = _read(sentences(broken))
+        assert found["GGA"].quality == 0  # type: ignore[attr-defined]
+        assert found["GGA"].lat == ""  # type: ignore[attr-defined]
+        assert found["HDT"].headingT == ""  # type: ignore[attr-defined]
 
 
 def _result(**values: float) -> TickResult:
@@ -141,9 +145,8 @@ def _result(**values: float) -> TickResult:
     return usual._replace(**{"sigma_along_m": 0.03, "sigma_cross_m": 0.02, **values})
 
 
-@pytest.mark.parametrize(
-    ("values", "quality"),
-    [
+def test_the_quality_is_no_better_than_what_bounds_the_error() -> None:
+    qualities: list[tuple[dict[str, float], int]] = [
         ({}, 4),
         ({"reasons": float(Reason.GNSS_SILENT), "bounded": 1.0}, 4),
         ({"reasons": float(Reason.GNSS_SILENT)}, 5),
@@ -153,10 +156,9 @@ def _result(**values: float) -> TickResult:
         ({"reasons": float(OF_GNSS | Reason.POSITION_LOST)}, 6),
         ({"sigma_cross_m": math.nan}, 0),
         ({"fused_x_m": math.inf}, 0),
-    ],
-)
-def test_the_quality_is_no_better_than_what_bounds_the_error(values: dict[str, float], quality: int) -> None:
-    assert quality_of(_result(**values)) == quality
+    ]
+    for values, quality in qualities:
+        assert quality_of(_result(**values)) == quality, values
 
 
 def test_the_position_is_that_of_the_antenna() -> None:
@@ -164,8 +166,8 @@ def test_the_position_is_that_of_the_antenna() -> None:
     np.testing.assert_allclose(row["pose"], [4.5, 2.0, math.pi / 2], atol=1e-6)
 
 
-@pytest.mark.parametrize("anchor_m", [500.0, -30.0])
-def test_the_height_given_is_above_the_ellipsoid(anchor_m: float) -> None:
+def test_the_height_given_is_above_the_ellipsoid() -> None:
+    anchor_m = 500.0
     frame = LocalFrame(48.0, 11.0, anchor_m)
     # An antenna 1.2 m above the anchor's height and a kilometre away, as the control loop has it.
     truth = (48.008, 11.006, anchor_m + 1.2)
@@ -190,7 +192,7 @@ seen = []
 with socket.create_connection((host, int(port)), timeout=20.0) as line:
     reader = NMEAReader(line)
     heading = sigma = None
-    while len(seen) < 25:
+    while len(seen) < 12:
         _, message = reader.read()
         if message.msgID == "GGA":
             place = (message.lat, message.lon, message.quality, message.alt)
@@ -226,7 +228,7 @@ def test_a_process_that_only_knows_nmea_follows(config: RuntimeConfig, tmp_path:
                     payload = pose_row(result, time.monotonic_ns(), 30.0, (0.0, 0.0))
                     poses.put(pack(Record(RecordKind.POSE, Source.CONTROL, 1, time.monotonic_ns(), payload)))
                     sent.append((x, y, yaw))
-                    time.sleep(0.1)
+                    time.sleep(0.05)
                 assert other.stdout is not None
                 seen = json.loads(other.stdout.read())
         finally:

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 import time
 import tomllib
 from pathlib import Path
@@ -14,18 +13,27 @@ from lgprjax.formats.run_log import read_run
 from lgprjax.runtime import supervisor
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.main import process_command
-from lgprjax.runtime.process import Heartbeats, ProcessStage, Started
-from lgprjax.runtime.recorder import Recorder
+from lgprjax.runtime.process import Heartbeats, ProcessStage
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.service import SUPERVISOR
-from runtime.recorder_process import Feeder, end, make_place, make_record, recorded, ring, start_recorder
+from runtime.recorder_process import (
+    Feeder,
+    check_kills,
+    end,
+    make_place,
+    make_record,
+    make_recorder,
+    recorded,
+    ring,
+    start_recorder,
+)
 
 
 def test_everything_is_recorded_once_and_in_order(tmp_path: Path) -> None:
-    place = make_place(tmp_path, least_free_mb=0, segment_s=0.4)
+    place = make_place(tmp_path, least_free_mb=0, segment_s=0.2)
     process = start_recorder(place)
     feeder = Feeder(place, 1)
-    time.sleep(1.2)
+    time.sleep(0.7)
     beat = Heartbeats(place.rings).read("recorder")
     feeder.end()
     assert end(process) == (0, "")
@@ -45,16 +53,20 @@ def test_everything_is_recorded_once_and_in_order(tmp_path: Path) -> None:
     assert Heartbeats(place.rings).read("recorder").stage is ProcessStage.ENDING
 
 
+def test_killed_at_random_moments_it_loses_and_repeats_nothing(tmp_path: Path) -> None:
+    """More of them: ``validation/loops/test_killed.py``."""
+    check_kills(tmp_path, 4, 11)
+
+
 def test_beside_the_segments_stands_what_a_reader_needs(tmp_path: Path) -> None:
     place = make_place(tmp_path, least_free_mb=0)
     before_ns = time.time_ns(), time.monotonic_ns()
-    assert end(start_recorder(place)) == (0, "")
+    make_recorder(place).close("ended")
     place.config.write_text("changed = 1")
     first = json.loads((place.run / "run.json").read_text())
     copied = (place.run / "config.toml").read_text()
     assert tomllib.loads(copied)["recording"] == {"least_free_mb": 0}
-    reading = read_run(place.run)
-    assert first["uuid"] == str(reading.summary.run)
+    assert first["uuid"] == str(read_run(place.run).summary.run)
     (clock,) = first["clocks"]
     for name, low in zip(("utc_ns", "mono_ns"), before_ns, strict=True):
         assert 0 < clock[name] - low < 20e9
@@ -63,37 +75,11 @@ def test_beside_the_segments_stands_what_a_reader_needs(tmp_path: Path) -> None:
     assert {path.name for path in place.run.iterdir()} == {"0000.lgprun", "config.toml", "run.json"}
 
 
-def test_it_needs_no_accelerator_library() -> None:
-    code = "import sys, lgprjax.runtime.recorder; print(sorted({'jax', 'numpy', 'h5py'} & set(sys.modules)))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path.cwd())
-    assert found.stdout.strip() == "[]"
-
-
-def test_what_waited_while_it_was_dead_is_recorded(tmp_path: Path) -> None:
-    place = make_place(tmp_path, least_free_mb=0)
-    control = ring(place, "control_log")
-    messages = [make_record(n) for n in range(300)]
-    process = start_recorder(place)
-    for message in messages[:100]:
-        control.put(message)
-    time.sleep(0.3)
-    process.kill()
-    process.communicate()
-    for message in messages[100:]:
-        control.put(message)
-    process = start_recorder(place, after_death=True)
-    assert end(process) == (0, "")
-    numbers, found = zip(*read_run(place.run), strict=True)
-    assert list(found) == messages
-    # Number 0 and the one after the relaunch are the recorder's own.
-    assert list(numbers) == [*range(1, 101), *range(102, 302)]
-
-
 def test_written_but_not_let_go_of_is_not_recorded_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = make_place(tmp_path, least_free_mb=0)
     control = ring(place, "control_log")
     messages = [make_record(n) for n in range(50)]
-    recorder = Recorder(Started("recorder", read_config(place.config), place.rings, place.run, False))
+    recorder = make_recorder(place)
     released: list[int] = []
 
     def dies(_ring: Ring, end: int) -> None:
@@ -108,8 +94,13 @@ def test_written_but_not_let_go_of_is_not_recorded_twice(tmp_path: Path, monkeyp
     assert control.waiting > 0
     # The process dies here; its successor knows by the disk what it has to let go of.
     control.put(messages[30])
-    assert end(start_recorder(place, after_death=True)) == (0, "")
-    assert recorded(place)["control_log"] == messages[:31]
+    second = make_recorder(place, after_death=True)
+    second.write()
+    second.close("ended")
+    numbers, found = zip(*read_run(place.run), strict=True)
+    assert list(found) == messages[:31]
+    # Number 0 and the one after the relaunch are the recorder's own.
+    assert list(numbers) == [*range(1, 31), 32]
 
 
 def test_the_supervisor_tells_a_recorder_that_it_replaces_one_that_died(
@@ -121,7 +112,7 @@ def test_the_supervisor_tells_a_recorder_that_it_replaces_one_that_died(
     for message in messages:
         control.put(message)
     # As the real thing that is killed between its write to the disk and its word to the ring.
-    recorder = Recorder(Started("recorder", config, place.rings, place.run, False))
+    recorder = make_recorder(place)
     monkeypatch.setattr(Ring, "release", lambda *_: None)
     recorder.write()
     monkeypatch.undo()
@@ -142,18 +133,20 @@ def test_the_supervisor_tells_a_recorder_that_it_replaces_one_that_died(
 
 def test_what_an_earlier_recording_in_the_folder_had_written_lets_go_of_nothing(tmp_path: Path) -> None:
     place = make_place(tmp_path, least_free_mb=0)
-    process = start_recorder(place)
-    before = [make_record(n) for n in range(5)]
+    before, after = [make_record(n) for n in range(5)], [make_record(n) for n in range(10, 30)]
+    first = make_recorder(place)
     for message in before:
         ring(place, "control_log").put(message)
-    assert end(process) == (0, "")
+    first.write()
+    first.close("ended")
     # New rings, as after a new start of everything, and the first recorder on them died before it wrote anything.
     for path in place.rings.iterdir():
         path.unlink()
-    after = [make_record(n) for n in range(10, 30)]
     for message in after:
         ring(place, "control_log").put(message)
-    assert end(start_recorder(place, after_death=True)) == (0, "")
+    second = make_recorder(place, after_death=True)
+    second.write()
+    second.close("ended")
     assert recorded(place)["control_log"] == before + after
 
 
@@ -164,8 +157,10 @@ def test_messages_that_found_no_room_are_told(tmp_path: Path) -> None:
     while log.put(message):
         pass
     assert not log.put(message)
-    assert end(start_recorder(place)) == (0, "")
-    assert end(start_recorder(place, after_death=True)) == (0, "")
+    for after_death in (False, True):
+        recorder = make_recorder(place, after_death=after_death)
+        recorder.write()
+        recorder.close("ended")
     summary = read_run(place.run).summary
     assert summary.dropped == {"control_log": 0, "registration_log": 0, "supervisor_log": 2}
     assert not summary.complete
@@ -173,5 +168,5 @@ def test_messages_that_found_no_room_are_told(tmp_path: Path) -> None:
     # New rings, as after a new start of everything, take nothing back.
     for path in place.rings.iterdir():
         path.unlink()
-    assert end(start_recorder(place)) == (0, "")
+    make_recorder(place).close("ended")
     assert read_run(place.run).summary.dropped["supervisor_log"] == 2

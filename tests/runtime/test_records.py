@@ -44,7 +44,7 @@ def test_of_a_fix_of_an_older_run_everything_is_known_but_its_chance() -> None:
             np.testing.assert_array_equal(old[name], new[name])
 
 
-@pytest.mark.parametrize("bytes_off", [-4, -1, 1, 4])
+@pytest.mark.parametrize("bytes_off", [-4, 1])
 def test_what_is_no_fix_of_either_layout_is_refused(bytes_off: int) -> None:
     whole = _fields(Code.OK, 0.8)
     with pytest.raises(ValueError, match="buffer"):

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.errors import InputError
 from lgprjax.runtime.config import RuntimeConfig, read_config, write_config
 from lgprjax.runtime.control.setup import load
+from refusals import refused
 
 
 @pytest.fixture
@@ -31,10 +31,8 @@ def with_route(folder: Path, text: str) -> RuntimeConfig:
     ("spoil", "told"),
     [
         (lambda text: text[: len(text) // 2], "other.route.toml"),
-        (lambda text: text.replace("from_m = 0.0", "from_m = nan"), "from_m"),
         (lambda text: text.replace('map_sha256 = "', 'map_sha256 = "0')[:-1] + "\n", "map_sha256"),
         (lambda text: text.replace("from_m = 0.0", "from_m = 180.0"), "from_m, to_m"),
-        (lambda text: text.replace('direction = "along"', 'direction = "sideways"'), "direction"),
     ],
 )
 def test_a_route_that_cannot_be_driven_is_kept_with_its_reason(folder: Path, spoil: object, told: str) -> None:
@@ -51,39 +49,36 @@ def test_a_route_that_cannot_be_driven_is_kept_with_its_reason(folder: Path, spo
 
 def test_without_any_route_that_can_be_driven_nothing_is_loaded(folder: Path) -> None:
     (folder / "course.route.toml").write_text("", encoding="utf-8")
-    with pytest.raises(InputError, match="a route that can be driven"):
+    with refused("routes"):
         load(read_config(folder / "course.run.toml"))
 
 
 def test_a_missing_map_and_a_vehicle_without_its_numbers_are_refused(folder: Path) -> None:
     config = read_config(folder / "course.run.toml")
-    with pytest.raises(InputError, match=r"nowhere\.map\.h5"):
+    with refused(file="nowhere.map.h5"):
         load(config.model_copy(update={"map": "nowhere.map.h5"}))
     bare = 'schema = "lgprjax.vehicle"\nschema_version = "1.2"\nname = "x"\nsteering_kind = "counter_steer"\n'
     (folder / "bare.vehicle.toml").write_text(bare, encoding="utf-8")
-    with pytest.raises(InputError, match=r"bare\.vehicle\.toml"):
+    with refused(file="bare.vehicle.toml"):
         load(config.model_copy(update={"vehicle": "bare.vehicle.toml"}))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("name =", "nome =", "nome: expected a key, perhaps name, found an unknown key"),
-        ("gnss_delay_s = 0.03", "gnss_delay_s = -1.0", "gnss_delay_s"),
-        ("gnss_delay_s = 0.03", 'gnss_delay_s = "soon"', "gnss_delay_s"),
+        ("name =", "nome =", "nome"),
+        ("gnss_delay_s = 0.03", "gnss_delay_s = -1.0", "sensors.gnss_delay_s"),
+        ("gnss_delay_s = 0.03", 'gnss_delay_s = "soon"', "sensors.gnss_delay_s"),
         ("[recording]", "[recordings]", "recordings"),
-        ("gnss_delay_s = 0.03", "gnss_delay_s = 0.03\nheading_sigma_deg = inf", "heading_sigma_deg"),
+        ("gnss_delay_s = 0.03", "gnss_delay_s = 0.03\nheading_sigma_deg = inf", "sensors.heading_sigma_deg"),
         ("[recording]", "[supervision]\ncontrol_s = 200\n[recording]", "supervision.control_s"),
-        ("[recording]", "[supervision]\nhottest_c = 1e9\n[recording]", "supervision.hottest_c"),
     ],
 )
 def test_a_configuration_that_is_wrong_names_the_place(folder: Path, old: str, new: str, place: str) -> None:
     file = folder / "course.run.toml"
     file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with refused(place, file=file):
         read_config(file)
-    assert place in str(caught.value)
-    assert str(file) in str(caught.value)
 
 
 def test_a_configuration_written_with_absolute_paths_is_the_same(folder: Path) -> None:

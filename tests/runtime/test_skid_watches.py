@@ -47,7 +47,6 @@ def seconds_until(
         (OFF, SkidFound.TOOL_OFF),
         (SHALLOW, SkidFound.TOOL_DEPTH),
         (ToolReading(True, 0.19), SkidFound.TOOL_DEPTH),
-        (ToolReading(True, math.nan), SkidFound.TOOL_DEPTH),
         (None, SkidFound.TOOL_OFF | SkidFound.TOOL_DEPTH),
     ],
 )

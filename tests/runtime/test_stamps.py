@@ -43,10 +43,10 @@ class _Device:
         return [self.sample() for _ in range(count)]
 
 
-@pytest.mark.parametrize("drift", [-1e-4, 0.0, 1e-4])
-def test_jitter_and_drift_for_hours(drift: float) -> None:
+@pytest.mark.parametrize("drift", [-1e-4, 1e-4])
+def test_jitter_and_drift_for_an_hour(drift: float) -> None:
     device = _Device(0.5, drift=drift)
-    errors = device.run(2 * 3600 * 2)
+    errors = device.run(3600 * 2)
     taken = [error for error in errors if error is not None]
     assert len(taken) >= 0.999 * len(errors)
     # The least of the last few dozen arrivals is within a millisecond of nothing; drift adds 200 ppm of its age.
@@ -66,31 +66,15 @@ def test_duplicates_and_stamps_that_go_back() -> None:
         clock.feed(stamp * 1000, round((0.5 + arrival / 1000) * _S))
         for stamp, arrival in [(20, 20), (40, 40), (40, 41), (40, 60), (30, 61), (60, 62), (80, 80)]
     ]
-    assert [None if time is None else round((time / _S - 0.5) * 1000) for time in told] == [
-        20,
-        40,
-        None,
-        None,
-        None,
-        60,
-        80,
-    ]
+    rounded = [None if time is None else round((time / _S - 0.5) * 1000) for time in told]
+    assert rounded == [20, 40, None, None, None, 60, 80]
     assert (clock.rejected, clock.settings) == (3, 0)
 
 
-def test_times_of_samples_that_come_together_grow() -> None:
-    clock = StampClock()
-    assert clock.feed(0, _S) == _S
-    # The second one lowers the least delay: both would have been taken when they arrived.
-    assert clock.feed(20_000, _S) is None
-    assert clock.rejected == 1
-
-
-@pytest.mark.parametrize("late_s", [0.05, 0.15])
-def test_late_samples_keep_their_own_time(late_s: float) -> None:
+def test_late_samples_keep_their_own_time() -> None:
     device = _Device(0.2)
     device.run(50)
-    error = device.sample(late_s=late_s)
+    error = device.sample(late_s=0.15)
     assert error is not None
     assert abs(error) < 0.004
     assert device.sample(late_s=0.3) is None
@@ -105,8 +89,7 @@ def test_a_line_that_grows_late_is_no_new_clock() -> None:
     assert device.sample() is not None
 
 
-@pytest.mark.parametrize("leap_s", [0.06, 1.0, 30.0, 1e6])
-@pytest.mark.parametrize("period_s", [0.02, 0.143])
+@pytest.mark.parametrize(("leap_s", "period_s"), [(0.06, 0.02), (1.0, 0.143), (1e6, 0.02)])
 def test_one_leap_is_rejected_alone(leap_s: float, period_s: float) -> None:
     device = _Device(period_s)
     device.run(50)
@@ -116,8 +99,9 @@ def test_one_leap_is_rejected_alone(leap_s: float, period_s: float) -> None:
     assert None not in device.run(50)
 
 
-@pytest.mark.parametrize("step_s", [-3600.0, -1.0, -0.5, -0.18, 0.2, 1.0, 3600.0])
-@pytest.mark.parametrize("period_s", [0.02, 0.143])
+@pytest.mark.parametrize(
+    ("step_s", "period_s"), [(-3600.0, 0.143), (-0.5, 0.02), (-0.18, 0.143), (0.2, 0.02), (3600.0, 0.02)]
+)
 def test_a_clock_that_is_set_is_found(step_s: float, period_s: float) -> None:
     device = _Device(period_s)
     device.run(50)
@@ -162,7 +146,7 @@ def test_time_begins_anew(scale: GnssTimeScale, length_s: float) -> None:
     assert clock.clock.settings == 0
 
 
-@pytest.mark.parametrize("period_s", [0.02, 0.1, 0.2])
+@pytest.mark.parametrize("period_s", [0.02, 0.2])
 def test_a_leap_second_is_got_over(period_s: float) -> None:
     clock = WeekClock(GnssTimeScale.UTC_DAY)
     lost = []
@@ -181,16 +165,16 @@ def test_a_leap_second_is_got_over(period_s: float) -> None:
     assert min(lost) >= 86401.0 - 1e-6
 
 
-@pytest.mark.parametrize("tow_s", [math.nan, math.inf, -0.001, 604800.0, 1e300])
-def test_no_times_of_week(tow_s: float) -> None:
+def test_no_times_of_week() -> None:
     clock = WeekClock(GnssTimeScale.GPS_WEEK)
     assert clock.feed(1.0, _S) == _S
-    assert clock.feed(tow_s, 2 * _S) is None
+    for tow_s in (math.nan, math.inf, -0.001, 604800.0, 1e300):
+        assert clock.feed(tow_s, 2 * _S) is None
     assert clock.feed(2.0, 2 * _S) == 2 * _S
 
 
 @given(st.lists(st.tuples(st.integers(0, 3_000_000), st.integers(0, 400_000_000)), max_size=80))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_told_times_grow_and_never_lie_ahead(samples: list[tuple[int, int]]) -> None:
     clock, arrival_ns, told_before = StampClock(), 0, -(10**18)
     for stamp_us, waited_ns in samples:

@@ -48,7 +48,7 @@ def _driven(silent_s: tuple[float, float] = (9.0, 9.0), restart: bool = False) -
     return senses, ticks
 
 
-@pytest.mark.parametrize("silent_s", [(9.0, 9.0), (1.0, 1.3), (1.0, 2.2)])
+@pytest.mark.parametrize("silent_s", [(1.0, 1.3), (1.0, 2.2)])
 def test_a_silence_loses_no_travel(silent_s: tuple[float, float]) -> None:
     senses, ticks = _driven(silent_s)
     assert senses.travel_m == pytest.approx(9.0, abs=0.1)
@@ -137,17 +137,8 @@ def test_a_match_that_is_told_again_at_standstill_says_hardly_more() -> None:
     """One scan is searched, then the vehicle stands; the filter is told each tenth of a second."""
     queue = ScanQueue(cast(Search, cast(Any, _Searches())), StampClock(), 3.0, 0.3)
     shape = {"pose": (1, 5), "covariance": (1, 5, 5), "overlap_channels": (1,)}
-    names = (
-        "code",
-        "window_m",
-        "correlation",
-        "margin",
-        "overlap",
-        "overlap_channels",
-        "p_false",
-        "pose",
-        "covariance",
-    )
+    scalars = ("code", "window_m", "correlation", "margin", "overlap", "overlap_channels", "p_false")
+    names = (*scalars, "pose", "covariance")
     fix = SimpleNamespace(**{name: np.zeros(shape.get(name, (1,)), np.float32) for name in names})
     fix.covariance = 0.01 * np.eye(5, dtype=np.float32)[None]
     variances = []

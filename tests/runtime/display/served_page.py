@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.display.pages import HTTP_LIFE_S
 from lgprjax.runtime.process import RINGS, Heartbeats, ProcessStage
 from lgprjax.runtime.ring import Ring
 
@@ -34,8 +35,10 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from lgprjax.runtime.config import read_config
+from lgprjax.runtime.display import pages
 from lgprjax.runtime.display.program import run
 from lgprjax.runtime.process import Started
+pages.HTTP_LIFE_S = float(sys.argv[3])
 run(Started("display", read_config(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[2]), False))
 """
 MEADOW = {"name": "meadow", "length_m": 412.0, "problem": None}
@@ -94,7 +97,7 @@ class ServedPage:
         start_s: processor time that it took until it was ready.
     """
 
-    def __init__(self, folder: Path, display: str, port: int) -> None:
+    def __init__(self, folder: Path, display: str, port: int, http_life_s: float) -> None:
         self.state: dict[str, Any] | None = None
         self.folder = folder
         self.errors = folder / "errors.txt"
@@ -106,7 +109,7 @@ class ServedPage:
         self._beats = Heartbeats(folder)
         begun_s = time.monotonic()
         with self.errors.open("wb") as errors:
-            command = [sys.executable, "-c", PROGRAM, str(config), str(folder)]
+            command = [sys.executable, "-c", PROGRAM, str(config), str(folder), str(http_life_s)]
             self.process = subprocess.Popen(command, stderr=errors, stdout=errors)
         self._ended = threading.Event()
         self._teller = threading.Thread(target=self._tell, daemon=True)
@@ -174,9 +177,9 @@ class ServedPage:
 
 
 @contextmanager
-def serve(folder: Path, display: str = "", port: int = 0) -> Iterator[ServedPage]:
-    """A display process for as long as the block lasts."""
-    served = ServedPage(folder, display, port)
+def serve(folder: Path, display: str = "", port: int = 0, http_life_s: float = HTTP_LIFE_S) -> Iterator[ServedPage]:
+    """A display process for as long as the block lasts; it ends unfinished requests after ``http_life_s``."""
+    served = ServedPage(folder, display, port, http_life_s)
     try:
         yield served
     finally:

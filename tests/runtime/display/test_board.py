@@ -9,7 +9,7 @@ from lgprjax.autopilot.modes import ENGAGED as ENGAGED_MODES
 from lgprjax.autopilot.modes import Mode
 from lgprjax.run_records import Record, RecordKind, Source, pack
 from lgprjax.runtime.display.board import ENGAGED, Board
-from runtime.display.served_page import DRIVING, READY, state_record
+from runtime.display.served_page import BROKEN, DRIVING, READY, state_record
 
 NOW_NS = 5_000_000_000
 
@@ -60,9 +60,8 @@ def test_numbers_that_are_none_do_not_reach_a_browser() -> None:
     assert shown(board)["state"] == {"mode": "READY", "speed_mps": None, "sigma_along_m": None, "to_go_m": None}
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
+def test_what_is_no_state_is_counted_and_changes_nothing() -> None:
+    messages = [
         b"",
         b"\x09\x0a",
         state_record(DRIVING)[:-1],
@@ -72,38 +71,29 @@ def test_numbers_that_are_none_do_not_reach_a_browser() -> None:
         pack(Record(RecordKind.STATE, Source.CONTROL, 1, NOW_NS, b"\xff\xfe")),
         pack(Record(RecordKind.MONITOR, Source.CONTROL, 1, NOW_NS, b"{}")),
         b"\xff" + state_record(DRIVING)[1:],
-    ],
-)
-def test_what_is_no_state_is_counted_and_changes_nothing(message: bytes) -> None:
-    board = board_of(READY)
-    board.take([message])
-    assert board.refused_states == 1
-    assert shown(board)["state"]["mode"] == "READY"
+    ]
+    for message in messages:
+        board = board_of(READY)
+        board.take([message])
+        assert board.refused_states == 1
+        assert shown(board)["state"]["mode"] == "READY"
 
 
-def test_a_route_that_can_be_chosen() -> None:
+def test_a_route_is_chosen_by_its_name_before_the_vehicle_steers_and_while_there_is_data() -> None:
     assert board_of(READY).obstacle("quarry", NOW_NS) is None
-
-
-@pytest.mark.parametrize(
-    ("state", "name", "why"),
-    [
-        (DRIVING, "quarry", "before the vehicle steers"),
-        (DRIVING | {"mode": "STEERING"}, "quarry", "before the vehicle steers"),
-        (READY | {"mode": None}, "quarry", "before the vehicle steers"),
-        (READY, "old road", "too tight a curve"),
-        (READY, "nowhere", "no such route"),
-        (READY | {"routes": None}, "quarry", "no such route"),
-        (READY | {"routes": [None, 7, {}]}, "quarry", "no such route"),
-    ],
-)
-def test_a_route_that_cannot(state: dict[str, Any], name: str, why: str) -> None:
-    assert why in str(board_of(state).obstacle(name, NOW_NS))
-
-
-def test_no_route_without_data() -> None:
-    assert "no data" in str(Board().obstacle("quarry", NOW_NS))
-    assert "no data" in str(board_of(READY).obstacle("quarry", NOW_NS + 500_000_001))
+    assert board_of(READY).obstacle("quarry", NOW_NS + 500_000_000) is None
+    steering = [DRIVING, DRIVING | {"mode": "STEERING"}, READY | {"mode": None}]
+    others = [
+        {board.obstacle("quarry", NOW_NS) for board in map(board_of, steering)},
+        {board_of(READY | {"routes": routes}).obstacle("quarry", NOW_NS) for routes in (None, [None, 7, {}])}
+        | {board_of(READY).obstacle("nowhere", NOW_NS)},
+        {Board().obstacle("quarry", NOW_NS), board_of(READY).obstacle("quarry", NOW_NS + 500_000_001)},
+        {board_of(READY).obstacle("old road", NOW_NS)},
+    ]
+    # Each obstacle has its own words.
+    assert [len(words) for words in others] == [1] * 4
+    assert len(set().union(*others) - {None}) == 4
+    assert BROKEN["problem"] in str(board_of(READY).obstacle("old road", NOW_NS))
 
 
 def test_engaged_as_the_mode_machine_has_it() -> None:
