@@ -71,14 +71,14 @@ def test_from_boot_to_a_driven_speed_and_back() -> None:
         assert (state.mode, found) == (mode, actions), event
 
 
-@pytest.mark.parametrize("engaged", [TO_STEERING, TO_SPEED])
 @pytest.mark.parametrize(
     "event", [Event.OVERRIDE_PRESSED, Event.OVERRIDE_ASSUMED, Event.STEERING_TORQUE, Event.BRAKE_HELD]
 )
-def test_the_operator_takes_over_in_one_step(engaged: tuple[Event, ...], event: Event) -> None:
-    state, actions = after(*engaged, event)
-    assert state.mode is Mode.MANUAL
-    assert Action.RELEASE_ACTUATORS in actions
+def test_the_operator_takes_over_in_one_step(event: Event) -> None:
+    for engaged in (TO_STEERING, TO_SPEED):
+        state, actions = after(*engaged, event)
+        assert state.mode is Mode.MANUAL
+        assert Action.RELEASE_ACTUATORS in actions
 
 
 def test_override_gives_the_vehicle_back_from_every_state_that_can_be_reached() -> None:
@@ -131,11 +131,11 @@ def test_an_override_that_cannot_be_read_acknowledges_nothing() -> None:
     assert seen == set(Mode)
 
 
-@pytest.mark.parametrize("engaged", [TO_STEERING, TO_SPEED])
-def test_after_a_silence_that_took_the_vehicle_ready_takes_a_press(engaged: tuple[Event, ...]) -> None:
-    state, _ = after(*engaged, Event.OVERRIDE_ASSUMED, Event.OVERRIDE_RELEASED)
-    assert state.mode is Mode.MANUAL
-    assert after(*REARM, start=state)[0].mode is Mode.READY
+def test_after_a_silence_that_took_the_vehicle_ready_takes_a_press() -> None:
+    for engaged in (TO_STEERING, TO_SPEED):
+        state, _ = after(*engaged, Event.OVERRIDE_ASSUMED, Event.OVERRIDE_RELEASED)
+        assert state.mode is Mode.MANUAL
+        assert after(*REARM, start=state)[0].mode is Mode.READY
 
 
 def test_a_controller_that_is_heard_late_stops_no_start() -> None:
@@ -254,9 +254,8 @@ def test_a_button_held_too_long_is_stuck() -> None:
     assert step_modes(again, ModeEvent(Event.TICK, 15.01))[0].override_stuck
 
 
-@pytest.mark.parametrize(
-    ("events", "inhibit"),
-    [
+def test_engaging_is_refused_with_its_reason() -> None:
+    for events, inhibit in (
         ((Event.ROUTE_OFF,), EngagementInhibit.OFF_ROUTE),
         ((Event.ROUTE_WRONG_HEADING,), EngagementInhibit.WRONG_HEADING),
         ((Event.ROUTE_AMBIGUOUS,), EngagementInhibit.AMBIGUOUS),
@@ -271,12 +270,10 @@ def test_a_button_held_too_long_is_stuck() -> None:
         ((Event.ERROR_RAISED, Event.ERROR_CLEARED, Event.OVERRIDE_PRESSED), EngagementInhibit.OVERRIDE_PRESSED),
         ((Event.CHECKS_FAILED,), EngagementInhibit.CHECKS),
         ((Event.ESTOP_PRESSED, Event.ESTOP_RELEASED), EngagementInhibit.ESTOP),
-    ],
-)
-def test_engaging_is_refused_with_its_reason(events: tuple[Event, ...], inhibit: EngagementInhibit) -> None:
-    state, actions = after(*TO_READY, *events, Event.STEERING_BUTTON)
-    assert operator_drives(state)
-    assert (state.inhibit, actions) == (inhibit, (Action.WARN,))
+    ):
+        state, actions = after(*TO_READY, *events, Event.STEERING_BUTTON)
+        assert operator_drives(state), inhibit
+        assert (state.inhibit, actions) == (inhibit, (Action.WARN,))
 
 
 def test_before_the_checks_nothing_engages_and_speed_needs_steering() -> None:
@@ -291,10 +288,10 @@ def test_before_the_checks_nothing_engages_and_speed_needs_steering() -> None:
 
 
 @pytest.mark.parametrize(
-    "lost",
-    [Event.HEALTH_STOP, Event.ROUTE_OFF, Event.ROUTE_WRONG_HEADING, Event.ROUTE_AMBIGUOUS, Event.ROUTE_GONE],
+    ("engaged", "lost"),
+    [(TO_SPEED, Event.HEALTH_STOP), (TO_STEERING, Event.ROUTE_OFF), (TO_SPEED, Event.ROUTE_WRONG_HEADING)]
+    + [(TO_STEERING, Event.ROUTE_AMBIGUOUS), (TO_SPEED, Event.ROUTE_GONE)],
 )
-@pytest.mark.parametrize("engaged", [TO_STEERING, TO_SPEED])
 def test_a_controlled_stop_ends_standing_in_manual(engaged: tuple[Event, ...], lost: Event) -> None:
     state, actions = after(*engaged, lost)
     assert (state.mode, state.stopping) == (after(*engaged)[0].mode, True)
@@ -323,11 +320,10 @@ def test_standing_already_a_stop_is_over_at_once() -> None:
     assert Action.RELEASE_ACTUATORS in actions
 
 
-@pytest.mark.parametrize("time_s", [-1e9, 0.0, math.nan, math.inf, -math.inf])
-def test_time_never_runs_back_nor_away(time_s: float) -> None:
+def test_time_never_runs_back_nor_away() -> None:
     state, _ = after(*TO_SPEED, time_s=100.0)
-    state, _ = step_modes(state, ModeEvent(Event.TICK, time_s))
-    assert state.time_s == 100.0
+    for time_s in (-1e9, 0.0, math.nan, math.inf, -math.inf):
+        assert step_modes(state, ModeEvent(Event.TICK, time_s))[0].time_s == 100.0
 
 
 class AnyDrive(RuleBasedStateMachine):
@@ -414,7 +410,7 @@ def mode_of_diagram(mode: Mode, event: Event) -> frozenset[Mode]:
 
 
 TestAnyDrive = AnyDrive.TestCase
-TestAnyDrive.settings = settings(max_examples=100, stateful_step_count=60, deadline=None)
+TestAnyDrive.settings = settings(max_examples=30, stateful_step_count=60, deadline=None)
 
 
 def test_what_a_new_state_knows_engages_nothing() -> None:

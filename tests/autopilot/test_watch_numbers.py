@@ -32,14 +32,11 @@ WHEEL = WheelBelief(linear_wheel_map(2.5, -2.0, 0.5), 10_000.0, 0.5, 0.15, 0.5, 
 PEDALS = PedalsBelief(PedalBelief(0.1, 0.05, 3.0, 0.6), PedalBelief(0.2, 0.06, 6.0, 0.25), 0.15, 0.03)
 
 
-@pytest.mark.parametrize(("volts", "angle_rad"), [(2.5, 0.0), (1.5, 0.5), (3.5, -0.5), (1.4, 0.55)])
-def test_a_falling_potentiometer_is_read(volts: float, angle_rad: float) -> None:
-    assert front_angle(WHEEL, volts) == pytest.approx(angle_rad)
-
-
-@pytest.mark.parametrize("volts", [0.0, 5.0, 1.3, math.nan, math.inf])
-def test_beyond_its_map_a_potentiometer_says_nothing(volts: float) -> None:
-    assert math.isnan(front_angle(WHEEL, volts))
+def test_a_falling_potentiometer_is_read_and_beyond_its_map_says_nothing() -> None:
+    for volts, angle_rad in ((2.5, 0.0), (1.5, 0.5), (3.5, -0.5), (1.4, 0.55)):
+        assert front_angle(WHEEL, volts) == pytest.approx(angle_rad)
+    for volts in (0.0, 5.0, 1.3, math.nan, math.inf):
+        assert math.isnan(front_angle(WHEEL, volts))
 
 
 def test_the_turn_of_a_counter_steered_vehicle() -> None:
@@ -77,27 +74,20 @@ def servo(ticks: int, wheels: WheelAngles, command_rad: float, supply_v: float =
 NOTHING = WheelAngles(math.nan, math.nan)
 
 
-@pytest.mark.parametrize(
-    ("wheels", "command_rad"),
-    [
-        (NOTHING, 0.0),
-        (WheelAngles(0.0, 0.0), math.nan),
-        (WheelAngles(0.0, 0.0), 0.5),
-        (WheelAngles(math.nan, 0.0), 0.5),
-    ],
-)
-def test_a_servo_that_stands_or_of_which_nothing_is_known_is_found(wheels: WheelAngles, command_rad: float) -> None:
-    assert Watch.SERVO_WEAK in servo(60, wheels, command_rad)
+def test_a_servo_that_stands_or_of_which_nothing_is_known_is_found() -> None:
+    known = WheelAngles(0.0, 0.0)
+    for wheels, command in ((NOTHING, 0.0), (known, math.nan), (known, 0.5), (WheelAngles(math.nan, 0.0), 0.5)):
+        assert Watch.SERVO_WEAK in servo(60, wheels, command)
 
 
 def test_wheels_beyond_their_limit_run_away() -> None:
     assert Watch.STEERING_RUNAWAY in servo(12, WheelAngles(0.54, 0.54), 0.5)
 
 
-@pytest.mark.parametrize("supply_v", [18.0, math.nan])
-def test_a_low_supply_is_found_engaged_or_not(supply_v: float) -> None:
-    assert servo(11, WheelAngles(0.0, 0.0), 0.0, supply_v) == Watch.SUPPLY_LOW
-    assert servo(11, WheelAngles(0.0, 0.0), 0.0, supply_v, engaged=False) == Watch.SUPPLY_LOW
+def test_a_low_supply_is_found_engaged_or_not() -> None:
+    for supply_v in (18.0, math.nan):
+        assert servo(11, WheelAngles(0.0, 0.0), 0.0, supply_v) == Watch.SUPPLY_LOW
+        assert servo(11, WheelAngles(0.0, 0.0), 0.0, supply_v, engaged=False) == Watch.SUPPLY_LOW
 
 
 def odometer(
@@ -139,10 +129,10 @@ def test_the_odometer_against_gnss(gnss_mps: float, commanded_mps: float, bit: W
     assert odometer(75, gnss_mps=gnss_mps, commanded_mps=commanded_mps) == bit
 
 
-@pytest.mark.parametrize("jump_m", [0.3, 3.0, 30.0])
-def test_a_jump_of_gnss_is_no_fault_of_the_odometer(jump_m: float) -> None:
-    for ticks in range(71, 140, 7):
-        assert odometer(ticks, gnss_mps=2.0, commanded_mps=2.0, jump_m=jump_m) == Watch(0)
+def test_a_jump_of_gnss_is_no_fault_of_the_odometer() -> None:
+    for jump_m in (0.3, 3.0, 30.0):
+        for ticks in range(71, 140, 14):
+            assert odometer(ticks, gnss_mps=2.0, commanded_mps=2.0, jump_m=jump_m) == Watch(0)
 
 
 def test_without_gnss_throttle_tells_of_a_dead_odometer() -> None:

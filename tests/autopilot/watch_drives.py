@@ -33,8 +33,8 @@ from lgprjax.vehicle import VehiclePose
 from lgprjax.vehicle.kinematics import MeasuredRear
 
 TICK_S = 0.02
-DRIVES, TICKS = 5, 6000
-"""Ten minutes, in drives of two."""
+TICKS = 6000
+"""Of a drive of two minutes."""
 _TRUE = TrueVehicle()
 _SENSORS = live_sensors(tick_s=TICK_S, gnss_x_m=1.0, gnss_slow_m=0.3)
 _ZERO_COUNTS = -31_234.0
@@ -107,22 +107,22 @@ def nothing_wrong() -> Wrong:
 
 
 @cache
-def healthy_drives() -> tuple[World, list[Row]]:
+def healthy_drives(drives: int) -> tuple[World, list[Row]]:
     """The states at every tick's begin, and what was heard at its end, drive after drive."""
-    starts = jax.vmap(_start)(jnp.arange(DRIVES))
-    plans = jax.tree.map(lambda leaf: leaf.reshape(DRIVES, TICKS), _plans())
+    starts = jax.vmap(_start)(jnp.arange(drives))
+    plans = jax.tree.map(lambda leaf: leaf.reshape(drives, TICKS), _plans(drives))
     driven = _DRIVES(
-        starts, jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (DRIVES,)), nothing_wrong()), plans, _terrain()
+        starts, jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (drives,)), nothing_wrong()), plans, _terrain()
     )
     worlds, rows = jax.tree.map(lambda leaf: np.asarray(leaf).reshape(-1, *leaf.shape[2:]), driven)
     return worlds, rows_of(rows)
 
 
-def drives_with(wrong: Wrong, onsets: list[int], ticks: int) -> list[list[Row]]:
+def drives_with(drives: int, wrong: Wrong, onsets: list[int], ticks: int) -> list[list[Row]]:
     """What is heard from each onset on, one drive after another numbered as in ``healthy_drives``."""
-    worlds, _ = healthy_drives()
+    worlds, _ = healthy_drives(drives)
     starts = jax.tree.map(lambda leaf: jnp.asarray(leaf[np.asarray(onsets)]), worlds)
-    plans = jax.tree.map(lambda leaf: jnp.stack([leaf[at : at + ticks] for at in onsets]), _plans())
+    plans = jax.tree.map(lambda leaf: jnp.stack([leaf[at : at + ticks] for at in onsets]), _plans(drives))
     wrongs = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(onsets),)), wrong)
     rows = _DRIVES(starts, wrongs, plans, _terrain())[1]
     return [rows_of(lane) for lane in np.asarray(rows)]
@@ -161,10 +161,10 @@ def believed() -> tuple[WheelBelief, ChassisBelief, PedalsBelief]:
 
 
 @cache
-def _plans() -> Plan:
+def _plans(drives: int) -> Plan:
     """Of all drives, one after another."""
-    drives = [_plan(drive) for drive in range(DRIVES)]
-    return Plan(*(jnp.asarray(np.concatenate(parts), jnp.float32) for parts in zip(*drives, strict=True)))
+    plans = [_plan(drive) for drive in range(drives)]
+    return Plan(*(jnp.asarray(np.concatenate(parts), jnp.float32) for parts in zip(*plans, strict=True)))
 
 
 def _plan(drive: int) -> tuple[Float[np.ndarray, " tick"], ...]:
