@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
+from distributed import LocalCluster
 
-from lgprjax.batch import ArchiveRun, Job, JobOutcome, WorkerPool
+from lgprjax.batch import ArchiveRun, Job, JobOutcome, WorkerPool, workers
 from lgprjax.batch.folder import ScansDone
 from lgprjax.batch.jobs import FileStamp
 from lgprjax.registration import RegisterOptions
@@ -159,3 +160,23 @@ def test_at_work_names_the_drive_of_each_process(tmp_path: Path) -> None:
         (held,) = pool.at_work.items()
         assert held[1] == "slow"
         os.kill(held[0], 0)
+
+
+def test_a_scheduler_hands_out_the_same_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a cluster in this process; ``validation/drives`` compares the bits of a real one."""
+    monkeypatch.setattr(workers, "PROGRAM", (sys.executable, "-c", _BEGIN + _OBEYS, str(tmp_path)))
+    run = ArchiveRun(tmp_path / "m.map.h5", "m", FileStamp(0, 0), RegisterOptions(), tmp_path, 1)
+    try:
+        with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+            jobs = jobs_of("first", "once", "doomed", "last")
+            found = {
+                each.job.name: each.error for each in workers.run_on_scheduler(cluster.scheduler_address, run, jobs)
+            }
+    finally:
+        workers._end_all()
+    found = {outcome.job.name: outcome.error for outcome in outcomes}
+    assert found.keys() == {"first", "once", "doomed", "last"}
+    assert found["first"] is found["once"] is found["last"] is None
+    error = found["doomed"]
+    assert error is not None
+    refusal_in(error).check("registration", file="/nowhere/doomed.drive.h5", found="WorkerDiedError")
