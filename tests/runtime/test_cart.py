@@ -20,7 +20,7 @@ from refusals import refused
 from true_cells import true_cells
 
 FRAME = LocalFrame(40.0, -100.0, 0.0)
-FIELD_M = np.array([[0.0, 0.0], [24.0, 0.0], [24.0, 6.0], [0.0, 6.0]])
+FIELD_M = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 6.0], [0.0, 6.0]])
 START = datetime(2026, 3, 1, 23, 58, 0, tzinfo=UTC)
 VEHICLE = f"""
 schema = "lgprjax.vehicle"
@@ -79,10 +79,10 @@ def log_of(
 
 
 def pulled() -> tuple[np.ndarray, np.ndarray]:
-    """Three lines of 30 m at 0.3 m/s, 3 m apart, half turns between them: pose every 0.1 s, and times."""
+    """Three lines of 18 m at 0.3 m/s, 3 m apart, half turns between them: pose every 0.1 s, and times."""
     step_m, pose, x, y, yaw = 0.03, [], -3.0, 0.6, 0.0
     for line in range(3):
-        ways = [(30.0, 0.0), (1.5 * np.pi, 1.0 / 1.5 if line % 2 == 0 else -1.0 / 1.5)]
+        ways = [(18.0, 0.0), (1.5 * np.pi, 1.0 / 1.5 if line % 2 == 0 else -1.0 / 1.5)]
         for way_m, bend in ways[: 2 if line < 2 else 1]:
             for _ in range(round(way_m / step_m)):
                 yaw += bend * step_m
