@@ -2,9 +2,12 @@
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
+from lgprjax.vehicle.kinematics import Chassis, ProportionalRear
 from lgprjax.vehicle.sensors import DriveSignals
 
 WHEELBASE_M, RATIO = 3.8, 0.63
@@ -111,6 +114,20 @@ def measured(clean: DriveSignals, noise: Noise, rng: np.random.Generator, askew_
         front_rad=clean.front_rad + rng.normal(size=size) * noise.front_rad,
         rear_rad=clean.rear_rad + rng.normal(size=size) * noise.front_rad,
     )
+
+
+def chassis(ratio: float = RATIO, characteristic_mps: float = np.inf) -> Chassis:
+    """The vehicle as a calibration believes it to be."""
+    base, anchor, rear, largest, slip = (
+        jnp.float32(v) for v in (WHEELBASE_M, 0.0, ratio, LARGEST_RAD, characteristic_mps)
+    )
+    return Chassis(base, anchor, ProportionalRear(rear), largest, slip)
+
+
+def arcs_of(signals: DriveSignals) -> Arcs:
+    """Arcs of the stretches that the potentiometer holds."""
+    assert signals.potentiometer_v is not None
+    return fit_arcs(signals, find_stretches(signals, signals.potentiometer_v))
 
 
 def gauss_markov(rng: np.random.Generator, size: int, keep: float) -> Float[np.ndarray, " record"]:

@@ -1,0 +1,19 @@
+"""Limit cycles and thresholds in many drives."""
+
+import pytest
+
+from validation.vehicles.limit_cycles import alarms_of_noise, check_obedient, check_thresholds, false_alarms
+
+
+def test_false_alarms() -> None:
+    assert false_alarms(20) <= 1
+    assert alarms_of_noise(100) <= 2
+
+
+@pytest.mark.parametrize("threshold_mps", [0.15, 0.3])
+def test_thresholds(threshold_mps: float) -> None:
+    check_thresholds(threshold_mps, 8)
+
+
+def test_vehicles_that_obey() -> None:
+    check_obedient(10)
