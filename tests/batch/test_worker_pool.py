@@ -174,7 +174,6 @@ def test_a_scheduler_hands_out_the_same_jobs(tmp_path: Path, monkeypatch: pytest
             }
     finally:
         workers._end_all()
-    found = {outcome.job.name: outcome.error for outcome in outcomes}
     assert found.keys() == {"first", "once", "doomed", "last"}
     assert found["first"] is found["once"] is found["last"] is None
     error = found["doomed"]
