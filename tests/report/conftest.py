@@ -4,6 +4,12 @@ import pytest
 from matplotlib.figure import Figure
 
 
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third of the pixels a side: what is tested is where things lie, not how fine."""
+    monkeypatch.setattr("lgprjax.report.style.DPI", 40)
+
+
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Figures as they were saved."""

@@ -1,5 +1,6 @@
 """Drives, strips and surfaces with known answers."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,11 @@ def _radargram(distance_m: np.ndarray, time_ns: np.ndarray, seed: int) -> np.nda
         phase = (time_ns[None, :] - arrival[:, None]) * 0.25 * np.pi
         image += rng.uniform(0.4, 1.0) * (1.0 - 2.0 * phase**2 / 3) * np.exp(-(phase**2) / 3)
     return image
+
+
+def numbers(text: str) -> list[str]:
+    """Numbers in a text, as they stand there."""
+    return re.findall(r"\d+(?:\.\d+)?(?:e-?\d+)?", text)
 
 
 def correlation_surface() -> CorrelationSurface:

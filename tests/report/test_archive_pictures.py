@@ -6,11 +6,10 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
-import pytest
+from matplotlib.figure import Figure
 
 from archive_records import done, failed, figures
 from lgprjax.batch import sums_of
-from lgprjax.errors import InputError
 from lgprjax.report import (
     ArchiveDrives,
     ArchivePage,
@@ -20,7 +19,8 @@ from lgprjax.report import (
     draw_archive_places,
     write_archive_page,
 )
-from lgprjax.report.registered_folder import _drive_row, _failed_row, _intro, facts_of
+from lgprjax.report.registered_folder import _drive_row, _failed_row, facts_of
+from refusals import refused
 
 
 def places(cells: int = 30, *, known: bool = True, step: int = 1) -> ArchivePlaces:
@@ -53,21 +53,17 @@ def drives(*, known: bool = True) -> ArchiveDrives:
     )
 
 
-def size(path: Path) -> tuple[int, ...]:
-    return tuple(matplotlib.image.imread(path).shape[:2])
+def test_truth_adds_a_panel(tmp_path: Path, drawn: list[Figure]) -> None:
+    for number, known in enumerate((True, False)):
+        draw_archive_places(places(known=known), tmp_path / f"{number}.png")
+    assert len(drawn[0].axes) > len(drawn[1].axes)
 
 
-def test_truth_adds_a_panel(tmp_path: Path) -> None:
-    draw_archive_places(places(), tmp_path / "with.png")
-    draw_archive_places(places(known=False), tmp_path / "without.png")
-    assert size(tmp_path / "with.png")[0] > 1.5 * size(tmp_path / "without.png")[0]
-
-
-@pytest.mark.parametrize(("cells", "step"), [(1, 1), (3, 1), (500, 40)])
-def test_maps_of_any_size_are_drawn(cells: int, step: int, tmp_path: Path) -> None:
-    draw_archive_places(places(cells, step=step), tmp_path / "plan.png")
-    height, width = size(tmp_path / "plan.png")
-    assert 0.2 * width < height < 3.0 * width
+def test_maps_of_any_size_are_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
+    for cells, step in ((1, 1), (500, 40)):
+        draw_archive_places(places(cells, step=step), tmp_path / f"{cells}.png")
+        width, height = drawn[-1].get_size_inches()
+        assert 0.2 * width < height < 3.0 * width
 
 
 def test_cells_of_a_bad_share_stand_apart(tmp_path: Path) -> None:
@@ -85,12 +81,15 @@ def test_cells_of_a_bad_share_stand_apart(tmp_path: Path) -> None:
     assert np.ptp(columns) < 0.12 * one.shape[1]
 
 
-def test_drives_with_and_without_truth_are_drawn(tmp_path: Path) -> None:
-    draw_archive_drives(drives(), tmp_path / "with.png")
-    draw_archive_drives(drives(known=False), tmp_path / "without.png")
-    assert size(tmp_path / "with.png") == size(tmp_path / "without.png")
-    with pytest.raises(InputError, match="one that exists"):
-        draw_archive_drives(drives(), tmp_path / "with.png")
+def test_drives_with_and_without_truth_shares_and_times_are_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
+    share = np.where(np.arange(200) < 5, np.nan, 1.0)
+    unknown = replace(drives(), ok_share=share, milliseconds_per_scan=np.full(200, np.nan))
+    for number, shown in enumerate((drives(), drives(known=False), unknown)):
+        draw_archive_drives(shown, tmp_path / f"{number}.png")
+    assert len({len(figure.axes) for figure in drawn}) == 1
+    for draw in (lambda path: draw_archive_drives(drives(), path), lambda path: draw_archive_places(places(), path)):
+        with refused("output", "--force", file="0.png"):
+            draw(tmp_path / "0.png")
 
 
 class Words(HTMLParser):
@@ -105,73 +104,47 @@ class Words(HTMLParser):
         self.words.append(data.replace("\xa0", " ").strip())
 
 
-def page(
-    tmp_path: Path,
-    *,
-    failed: tuple[tuple[str, str], ...],
-    bad: tuple[tuple[str, ...], ...],
-    searched: bool = True,
-) -> list[str]:
-    draw_archive_drives(drives(), tmp_path / "spread.png", force=True)
-    figure = ReportFigure(tmp_path / "spread.png", "caption", "words")
+PLACE = ("1", "17.5, 2.5", "42.000000°", "100", "20.0 %", "0.400 m", "drive_7", "1.25")
+
+
+def page(folder: Path, *, failed: bool, bad: bool, searched: bool = True) -> set[str]:
+    """All texts of a page."""
+    draw_archive_drives(drives(), folder / "spread.png", force=True)
+    figure = ReportFigure(folder / "spread.png", "caption", "words")
     told = ArchivePage(
         title="Drives on a <road>",
         intro="Two.",
         facts=(("drives registered, failed", "2, 1"),),
-        places=bad,
+        places=(PLACE,) if bad else (),
         drives=(("drive_1", "252", "90.0 %", "0", "0.020 m", "0.030 m", "0.100 m", "0.50"),),
-        failed=failed,
+        failed=(("drive_9", "drive_9.drive.h5: file: <cut>"),) if failed else (),
         workers=(("host:1", "2", "40", "0", "500 MB", "3.0 s"),),
         spread=figure if searched else None,
         plan=figure if searched else None,
     )
-    write_archive_page(tmp_path / "archive.html", told, force=True)
-    return Words((tmp_path / "archive.html").read_text(encoding="utf-8")).words
+    write_archive_page(folder / "archive.html", told, force=True)
+    return set(Words((folder / "archive.html").read_text(encoding="utf-8")).words)
 
 
 def test_the_page_names_failures_and_places(tmp_path: Path) -> None:
-    place = ("1", "17.5, 2.5", "42.000000°, -71.000000°", "100", "20.0 %", "0.400 m", "drive_7", "1.25")
-    words = page(tmp_path, failed=(("drive_9", "drive_9.drive.h5: file: <cut>"),), bad=(place,))
-    assert "Drives on a <road>" in words
-    assert "Drives that failed" in words
-    assert "drive_9.drive.h5: file: <cut>" in words
-    for text in place:
-        assert text in words
-    assert not any("No place" in word for word in words)
-
-
-def test_a_page_without_bad_places_says_so(tmp_path: Path) -> None:
-    words = page(tmp_path, failed=(), bad=())
-    assert "Drives that failed" not in words
-    assert "No place with a scan that lacks a correct fix." in words
-
-
-def test_where_nothing_was_searched_no_place_is_called_good(tmp_path: Path) -> None:
-    words = page(tmp_path, failed=(("drive_9", "gone"),), bad=(), searched=False)
-    assert "No scan was searched." in words
-    assert not any("No place" in word for word in words)
-
-
-def test_unknown_shares_and_times_of_drives_are_left_out(tmp_path: Path) -> None:
-    share = np.where(np.arange(200) < 5, np.nan, 1.0)
-    known = replace(drives(), ok_share=share, milliseconds_per_scan=np.full(200, np.nan))
-    draw_archive_drives(known, tmp_path / "spread.png")
-    draw_archive_drives(drives(), tmp_path / "all.png")
-    assert size(tmp_path / "spread.png") == size(tmp_path / "all.png")
+    whole, good = page(tmp_path, failed=True, bad=True), page(tmp_path, failed=False, bad=False)
+    assert {"Drives on a <road>", "drive_9.drive.h5: file: <cut>", *PLACE} <= whole
+    assert not {"drive_9", *PLACE[1:4]} & good
+    # That no place is bad is said, and not where nothing was searched.
+    said = good - whole
+    assert said
+    assert not said & page(tmp_path, failed=True, bad=False, searched=False)
 
 
 def test_a_failure_beside_a_kept_result_is_on_the_page() -> None:
     kept = done("a", figures({"ok": 3})).model_copy(update={"error": "a.drive.h5: file: cut"})
     records = [kept, failed("b", "b.drive.h5: file: gone"), done("c", figures({"ok": 2}))]
     rows = [_failed_row(record) for record in records if record.error]
-    assert rows == [
-        ("a", "a.drive.h5: file: cut; the result of an earlier run is kept"),
-        ("b", "b.drive.h5: file: gone"),
-    ]
-
-
-def test_nothing_is_said_of_a_search_where_all_drives_failed() -> None:
-    assert _intro([failed("b", "gone")]) == "No drive could be registered."
+    assert [name for name, _ in rows] == ["a", "b"]
+    assert rows[0][1].startswith("a.drive.h5: file: cut")
+    # Of the first an earlier result is kept, which is said.
+    assert rows[0][1] != "a.drive.h5: file: cut"
+    assert rows[1][1] == "b.drive.h5: file: gone"
 
 
 def test_errors_that_nobody_judged_are_none() -> None:

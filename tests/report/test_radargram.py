@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from lgprjax.errors import InputError
 from lgprjax.formats import Profile
 from lgprjax.radar import Radargram, clear_view
 from lgprjax.report import (
@@ -25,6 +24,7 @@ from lgprjax.report import (
     write_line_page,
 )
 from lgprjax.report.radargram import caption_of
+from refusals import refused
 
 STEP_M, INTERVAL_NS, ZERO_NS = 0.1, 0.5, 10.0
 AT_M, AT_NS = 7.3, 62.0
@@ -69,15 +69,10 @@ def largest_at(radargram: Radargram) -> tuple[float, float]:
 
 
 def test_a_reflector_lies_at_its_distance_and_time() -> None:
-    assert largest_at(clear_view(radargram_of(point_line()))) == pytest.approx((AT_M, AT_NS))
-
-
-def test_raw_the_surface_return_lies_at_time_zero() -> None:
-    assert largest_at(radargram_of(point_line()))[1] == pytest.approx(0.0)
-
-
-def test_a_line_with_falling_positions_keeps_its_order_and_its_places() -> None:
     line = point_line()
+    assert largest_at(clear_view(radargram_of(line))) == pytest.approx((AT_M, AT_NS))
+    # Raw, the surface return is the largest. Falling positions keep their order and their places.
+    assert largest_at(radargram_of(line))[1] == pytest.approx(0.0)
     assert line.positions_m is not None
     back = replace(line, channels=line.channels[::-1], positions_m=line.positions_m[::-1].copy())
     assert largest_at(clear_view(radargram_of(back))) == pytest.approx((AT_M, AT_NS))
@@ -97,9 +92,10 @@ def test_axes_say_what_they_are() -> None:
     figure = Figure()
     axes = draw_radargram(radargram_of(point_line()), figure.add_subplot(), wave_speed_m_per_ns=0.125)
     figure.draw_without_rendering()
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("distance along the line (m)", "two-way travel time (ns)")
+    assert "(m)" in axes.get_xlabel()
+    assert "(ns)" in axes.get_ylabel()
     (depth,) = axes.child_axes
-    assert depth.get_ylabel() == "depth (m), v = 0.125 m/ns"
+    assert "0.125 m/ns" in depth.get_ylabel()
     # Above time zero there is time, but no depth; both begin at the same height.
     assert axes.get_ylim()[1] == pytest.approx(-ZERO_NS - INTERVAL_NS / 2)
     assert min(depth.get_yticks()) == 0.0
@@ -109,12 +105,12 @@ def test_axes_say_what_they_are() -> None:
     assert image.norm.vmin == -image.norm.vmax  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("positions_m", [None, np.full(100, 3.0)], ids=["none", "one"])
-def test_without_distances_traces_are_counted(positions_m: np.ndarray | None) -> None:
-    radargram = radargram_of(replace(point_line(), spacing_m=None, positions_m=positions_m))
-    axes = draw_radargram(radargram, Figure().add_subplot())
-    assert axes.get_xlabel() == "trace number"
-    assert axes.get_xlim() == (-0.5, 99.5)
+def test_without_distances_traces_are_counted() -> None:
+    for positions_m in (None, np.full(100, 3.0)):
+        radargram = radargram_of(replace(point_line(), spacing_m=None, positions_m=positions_m))
+        axes = draw_radargram(radargram, Figure().add_subplot())
+        assert "(m)" not in axes.get_xlabel()
+        assert axes.get_xlim() == (-0.5, 99.5)
 
 
 def test_very_many_traces_are_thinned_and_keep_their_places() -> None:
@@ -134,15 +130,11 @@ def test_uneven_places_are_laid_on_a_grid_and_gaps_stay_open() -> None:
     assert (chosen[:4] == [0, 2, 4, 5]).all()
     assert (chosen[(grid_m > 2.9) & (grid_m < 4.4)] == -1).all()
     assert chosen[-1] == len(place_m) - 1
+    # A drive that never moves has one place.
+    assert [len(each) for each in even_columns(np.zeros(9))] == [1, 1]
 
 
-def test_a_drive_that_never_moves_has_one_place() -> None:
-    grid_m, chosen = even_columns(np.zeros(9))
-    assert (len(grid_m), len(chosen)) == (1, 1)
-
-
-@pytest.mark.parametrize("frequency_hz", [1e8, None])
-def test_odd_recordings_draw(frequency_hz: float | None, tmp_path: Path) -> None:
+def test_odd_recordings_draw(tmp_path: Path) -> None:
     silent = np.zeros((5, 30))
     gap = np.random.default_rng(2).normal(size=(5, 30))
     gap[2] = np.nan
@@ -153,7 +145,7 @@ def test_odd_recordings_draw(frequency_hz: float | None, tmp_path: Path) -> None
             along=np.arange(float(len(amplitude))),
             in_metres=True,
             time_ns=np.arange(amplitude.shape[1]) * 0.5,
-            centre_frequency_hz=frequency_hz,
+            centre_frequency_hz=1e8 if number % 2 else None,
         )
         draw_line(LineView(title="odd", radargrams=(clear_view(radargram), radargram)), tmp_path / f"{number}.png")
 
@@ -174,25 +166,18 @@ def test_the_caption_names_the_gain_of_every_channel() -> None:
     other = replace(clear, steps=(*clear.steps[:2], "gain of another"))
     view = LineView(title="two", radargrams=(clear, other), speed_is="given", notes=("A note.",))
     told = caption_of(view)
-    assert f"{clear.steps[2]} / gain of another." in told
-    assert told.count("mean trace") == 1
-    assert "v = 0.10 m/ns is given" in told
+    assert clear.steps[2] in told
+    assert "gain of another" in told
+    assert "0.10 m/ns" in told
     assert told.endswith("A note.")
-    assert caption_of(replace(view, radargrams=(radargram_of(point_line()),))).startswith("As recorded")
-
-
-def test_a_picture_that_exists_is_kept(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    draw_line(line_view(), path)
-    before = path.read_bytes()
-    with pytest.raises(InputError, match="one that exists"):
-        draw_line(line_view(), path)
-    assert path.read_bytes() == before
-    draw_line(line_view(), path, force=True)
+    assert clear.steps[2] not in caption_of(replace(view, radargrams=(radargram_of(point_line()),)))
 
 
 def test_a_page_needs_nothing_from_outside(tmp_path: Path) -> None:
     path = tmp_path / "a.html"
+    draw_line(line_view(), tmp_path / "a.png")
+    with refused("output", "--force", file="a.png"):
+        draw_line(line_view(), tmp_path / "a.png")
     write_line_page(line_view(), path)
     text = path.read_text(encoding="utf-8")
     assert "A &lt;line&gt;" in text
@@ -238,5 +223,5 @@ def test_the_loud_place_of_a_map_lies_where_it_is(wide: bool, tmp_path: Path) ->
     assert slices.equal == wide
     assert found == pytest.approx(((15.0 - 0.4) / 2**0.5, (15.0 + 0.4) / 2**0.5) if wide else (15.0, 0.4), abs=0.15)
     if not wide:
-        assert "towards 45°" in slices.labels[0]
+        assert "45°" in slices.labels[0]
     draw_map_slices(stations, tmp_path / "map.png")

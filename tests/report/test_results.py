@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -43,11 +44,8 @@ def hand_drive(**changes: object) -> DriveResult:
     return DriveResult(**(fields | changes))  # type: ignore[arg-type]
 
 
-def test_labels_are_those_of_the_registration() -> None:
-    assert tuple(code.label for code in Code) == CODES
-
-
 def test_along_is_ahead_and_cross_is_left() -> None:
+    assert tuple(code.label for code in Code) == CODES
     errors = track_errors(hand_drive())
     np.testing.assert_allclose(errors.along_m[:3], [0.0, 0.4, -0.2], atol=1e-12)
     np.testing.assert_allclose(errors.cross_m[:3], [-0.1, 0.3, 0.0], atol=1e-12)
@@ -74,12 +72,15 @@ def test_summary_against_hand_computation() -> None:
     assert summary.mean_absolute_cross_m == pytest.approx((0.1 + 0.3) / 3)
     assert summary.max_error_m == pytest.approx(0.5)
     assert summary.wrong_ok == 1
-
-
-def test_declined_fixes_do_not_count_as_errors_however_far_off() -> None:
-    assert summarise(hand_drive()).max_error_m == pytest.approx(0.5)
+    # A declined fix is no error, however far off.
     every = np.array(["ok", "ok", "ok", "ok", "off_map", "no_window"])
     assert summarise(hand_drive(code=every)).max_error_m == pytest.approx(5.0)
+    values = " ".join(value for _, value in summary.as_rows())
+    for value in ("3 (60.0 %", "1 low_correlation, 1 off_map", "0.500 m", "2.00 ms"):
+        assert value in values
+    for result in (hand_drive(), without_truth(), declined_drive()):
+        found = summarise(result).as_json()
+        assert json.loads(json.dumps(found, allow_nan=False)) == found
 
 
 def test_truth_unknown_at_some_scans_judges_the_others() -> None:
@@ -88,15 +89,12 @@ def test_truth_unknown_at_some_scans_judges_the_others() -> None:
     summary = summarise(hand_drive(truth_east_m=truth))
     assert (summary.ok, summary.judged, summary.wrong_ok) == (3, 2, 0)
     assert summary.max_error_m == pytest.approx(0.2)
-
-
-def test_where_no_ok_fix_was_judged_none_is_called_right() -> None:
-    truth = np.where(np.arange(6) < 3, np.nan, 0.0)
-    summary = summarise(hand_drive(truth_east_m=truth))
+    # Where none was judged none is called right; where none was tried there is no share.
+    summary = summarise(hand_drive(truth_east_m=np.where(np.arange(6) < 3, np.nan, 0.0)))
     assert (summary.ok, summary.judged, summary.wrong_ok) == (3, 0, None)
-    assert drive_section(summary, ()).text == (
-        "3 of 5 tried scans have an ok fix. No truth is known for them, so no error is stated."
-    )
+    assert re.findall(r"\d+", drive_section(summary, ()).text) == ["3", "5"]
+    nothing = summarise(hand_drive(code=np.full(6, "no_window")))
+    assert (nothing.ok_fraction, nothing.median_correlation_ok) == (None, None)
 
 
 def test_without_truth_no_error_is_stated() -> None:
@@ -107,8 +105,7 @@ def test_without_truth_no_error_is_stated() -> None:
         assert value is None
     rows = dict(summary.as_rows())
     assert "–" not in rows.values()
-    assert rows["length"] == "60.0 m"
-    assert rows["median sigma cross-track of ok fixes"] == f"{summary.median_sigma_cross_m:.3f} m"
+    assert {"60.0 m", f"{summary.median_sigma_cross_m:.3f} m"} <= set(rows.values())
 
 
 def test_differences_from_the_prior_use_its_heading() -> None:
@@ -125,55 +122,30 @@ def test_every_ok_of_an_impostor_is_wrong() -> None:
     assert summarise(declined_drive()).wrong_ok == 0
 
 
-def test_nothing_tried() -> None:
-    summary = summarise(hand_drive(code=np.full(6, "no_window")))
-    assert summary.ok_fraction is None
-    assert summary.median_correlation_ok is None
-    assert dict(summary.as_rows())["ok"] == "0 (– of the tried)"
-
-
-def test_summary_is_strict_json() -> None:
-    for result in (hand_drive(), without_truth(), declined_drive()):
-        summary = summarise(result)
-        assert json.loads(json.dumps(summary.as_json(), allow_nan=False)) == summary.as_json()
-
-
-def test_rows_carry_units() -> None:
-    rows = dict(summarise(hand_drive()).as_rows())
-    assert rows["ok"] == "3 (60.0 % of the tried)"
-    assert rows["declined"] == "1 low_correlation, 1 off_map"
-    assert rows["largest error of an ok fix"] == "0.500 m"
-    assert rows["time per scan, compiling left out"] == "2.00 ms"
-
-
 def test_unknown_code_and_partial_truth_are_refused() -> None:
-    with pytest.raises(ValueError, match="unknown codes: perfect"):
+    with pytest.raises(ValueError, match="perfect"):
         hand_drive(code=np.full(6, "perfect"))
-    with pytest.raises(ValueError, match="truth needs"):
+    with pytest.raises(ValueError, match="truth"):
         hand_drive(truth_yaw_rad=None)
 
 
 def test_terminal_table_has_a_column_a_drive_and_marks_the_wrong() -> None:
     table = summary_table([summarise(straight_drive()), summarise(hand_drive())])
     assert [column.style for column in table.columns[1:]] == ["", "bold red"]
-    wrong = list(table.columns[0].cells).index("ok but wrong")
-    assert [list(column.cells)[wrong] for column in table.columns[1:]] == ["0", "1"]
+    rows = list(zip(*(column.cells for column in table.columns[1:]), strict=True))
+    assert ("0", "1") in rows
 
 
 def test_without_truth_the_terminal_table_says_what_is_known_instead() -> None:
-    table = summary_table(
-        [summarise(without_truth()), summarise(without_truth(name="third", code=np.full(400, "edge")))]
-    )
-    rows = dict(zip(table.columns[0].cells, zip(*(c.cells for c in table.columns[1:]), strict=True), strict=True))
-    assert "RMS cross-track" not in rows
-    assert "ok but wrong" not in rows
-    assert rows["length"] == ("60.0 m", "60.0 m")
-    assert all(rows[title][0].endswith(" m") for title in ("sigma cross-track", "sigma along-track"))
-    # Of a drive without an ok fix they are not known; of the other one they are.
-    assert rows["sigma cross-track"][1] == rows["offset from the log"][1] == "–"
-    assert not any(set(cells) == {"–"} for cells in rows.values())
-    assert "truth" in str(table.caption)
-    assert "sigma cross-track" not in summary_table([summarise(straight_drive())]).columns[0].cells
+    summaries = [summarise(without_truth()), summarise(without_truth(name="third", code=np.full(400, "edge")))]
+    table, judged = summary_table(summaries), summary_table([summarise(straight_drive())])
+    rows = list(zip(*(column.cells for column in table.columns[1:]), strict=True))
+    assert ("60.0 m", "60.0 m") in rows
+    # Of a drive without an ok fix errors are not known; of the other one they are; no row is empty.
+    assert (f"{summaries[0].median_sigma_cross_m:.3f} m", "–") in rows
+    assert not any(set(cells) == {"–"} for cells in rows)
+    assert set(table.columns[0].cells) - set(judged.columns[0].cells)
+    assert set(judged.columns[0].cells) - set(table.columns[0].cells)
 
 
 def test_offsets_from_the_log_and_from_the_lines_by_hand() -> None:

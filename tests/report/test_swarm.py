@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from lgprjax.errors import InputError
 from lgprjax.report import SwarmPicture, draw_swarm
-from lgprjax.report.style import BLUE, ORANGE
+from refusals import refused
+from report.synthetic import numbers
 
 ITERATIONS, PARTICLES = 24, 9
 
@@ -47,7 +47,7 @@ def test_clouds_stand_where_the_particles_stood(tmp_path: Path, drawn: list[Figu
     draw_swarm(shown, tmp_path / "s.png")
     clouds = [axes for axes in drawn[0].axes if axes.images]
     for axes, moment in zip(clouds, (0, 3, 8, 24), strict=True):
-        assert axes.get_title(loc="left") == ("start" if moment == 0 else f"iteration {moment}")
+        assert moment == 0 or axes.get_title(loc="left").endswith(f" {moment}")
         particles, truth, best = axes.lines
         np.testing.assert_array_equal(np.stack(particles.get_data(), axis=1), shown.particle_m[moment])
         np.testing.assert_array_equal(np.concatenate(best.get_data()), shown.best_m[moment])
@@ -56,8 +56,8 @@ def test_clouds_stand_where_the_particles_stood(tmp_path: Path, drawn: list[Figu
         np.testing.assert_array_equal(np.ma.filled(np.ma.asarray(image.get_array()), np.nan), shown.score.T)
         assert image.get_clim() == (0.0, 1.0)
         assert axes.get_aspect() == 1.0
-    assert "9 particles, 24 iterations: 225 evaluations; 5.67 ms a scan" in drawn[0].subfigs[0].get_suptitle()
-    assert "relative to a place" in drawn[0].get_supxlabel().replace("\n", " ")
+    assert numbers(drawn[0].subfigs[0].get_suptitle()) == ["9", "24", "225", "5.67"]
+    assert "a place" in drawn[0].get_supxlabel().replace("\n", " ")
 
 
 def test_height_heading_and_roll_are_shown_as_they_gather(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -80,22 +80,17 @@ def test_scores_are_the_best_and_the_median(tmp_path: Path, drawn: list[Figure])
     np.testing.assert_array_equal(best.get_ydata(), np.max(met, axis=1))
     np.testing.assert_allclose(np.asarray(median.get_ydata())[1:], np.median(met[1:], axis=1))
     assert np.isnan(np.asarray(median.get_ydata())[0])
-    assert (best.get_color(), median.get_color()) == (BLUE, ORANGE)
-    assert best.get_linestyle() != median.get_linestyle()
 
 
-@pytest.mark.parametrize("iterations", [0, 1, 3])
-def test_short_swarms_draw(iterations: int, tmp_path: Path, drawn: list[Figure]) -> None:
-    draw_swarm(swarm(iterations), tmp_path / "s.png")
-    assert len([axes for axes in drawn[0].axes if axes.images]) == len({0, round(iterations / 3), iterations})
-
-
-def test_a_swarm_that_met_nothing_draws(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    shown = swarm()
-    lost = replace(
-        shown, best_score=np.full_like(shown.best_score, -np.inf), score=np.full_like(shown.score, np.nan), truth=None
-    )
-    draw_swarm(lost, tmp_path / "s.png")
+def test_short_swarms_and_one_that_met_nothing_draw(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, drawn: list[Figure]
+) -> None:
+    for iterations in (0, 1, 3):
+        draw_swarm(swarm(iterations), tmp_path / f"{iterations}.png")
+        assert len([axes for axes in drawn[-1].axes if axes.images]) == len({0, round(iterations / 3), iterations})
+    shown = swarm(3)
+    nothing = {"best_score": np.full_like(shown.best_score, -np.inf), "score": np.full_like(shown.score, np.nan)}
+    draw_swarm(replace(shown, **nothing, truth=None), tmp_path / "s.png")
     assert not caplog.records
-    with pytest.raises(InputError, match="one that exists"):
-        draw_swarm(lost, tmp_path / "s.png")
+    with refused("output", "--force", file="s.png"):
+        draw_swarm(shown, tmp_path / "s.png")
