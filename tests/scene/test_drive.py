@@ -18,7 +18,7 @@ from lgprjax.scene import (
     simulate_drive,
 )
 from scene.bare_ground import SPOTLESS
-from scene.short_drives import EMPTY, GROUND, PLAN, STILL, drive_over, recorded
+from scene.short_drives import EMPTY, GROUND, PLAN, drive_over, recorded
 
 CLEAR = Day(seed=2, clutter_per_m2=1.0)
 FAULTY = ReceiverFaults(dropped_share=0.05, clipped_share=0.05, interference_share=0.05, dead_channels=(0,))
@@ -34,7 +34,7 @@ def test_the_same_seeds_record_the_same_bytes() -> None:
     assert not np.array_equal(first, other_drive)
 
 
-@pytest.mark.parametrize("chunk_scans", [1, 50, 64, 10_000])
+@pytest.mark.parametrize("chunk_scans", [1, 50])
 def test_chunks_never_change_the_bytes(chunk_scans: int) -> None:
     drive = drive_over(GROUND, CLEAR, plan=PLAN, faults=FAULTY)
     chunks = list(iterate_traces(drive, chunk_scans))
@@ -46,13 +46,10 @@ def test_chunks_never_change_the_bytes(chunk_scans: int) -> None:
 
 def test_one_compiled_program_serves_a_drive_and_the_next() -> None:
     compiled = record_scans._cache_size  # type: ignore[attr-defined]
+    render_drive(drive_over(GROUND, CLEAR, plan=PLAN))
     before = compiled()
-    # A shape no other test uses, so that the count is this test's own.
-    array = uniform_array(5, 0.2, x_m=1.0, height_m=0.3)
-    for seed in (1, 2):
-        drive = simulate_drive(GROUND, DrivePlan(0.0, 7.0), Day(seed=seed), seed, array=array)
-        assert len(list(iterate_traces(drive, 100))) == 2
-    assert compiled() == before + 1
+    render_drive(drive_over(GROUND, replace(CLEAR, seed=5), 6, plan=replace(PLAN, stop_m=3.0)))
+    assert compiled() == before
 
 
 def test_the_way_back_sees_the_same_ground_mirrored() -> None:
@@ -82,35 +79,12 @@ def test_velocity_moves_deep_echoes_later_and_leaves_the_surface() -> None:
     assert _correlation(dry[..., deep], wet[..., deep]) < 0.8
 
 
-def test_the_surface_follows_the_antennas_height() -> None:
-    fixed, moving = (recorded(drive_over(EMPTY, plan=plan)) for plan in (STILL, replace(PLAN, height_sigma_m=0.03)))
-    assert np.ptp(fixed, axis=0).max() <= 1
-    assert np.ptp(fixed[0], axis=-1).min() > 100
-    assert np.ptp(moving, axis=0).max() > 20
-
-
-def test_the_drive_says_what_it_was_made_of() -> None:
-    drive = drive_over(GROUND, CLEAR, plan=PLAN, faults=FAULTY)
-    scans = len(drive.scan_time_s)
-    assert drive.pose.shape == (scans, 5)
-    assert drive.antenna_m.shape == drive.road_antenna_m.shape == (scans, 3, 3)
-    assert all(len(part) == scans for part in drive.errors)
-    assert drive.response.gain[0] == 0
-    assert drive.radar.height_m == drive.array.height_m
-    litter = len(drive.ground.scatterers.strength_m) - len(GROUND.scatterers.strength_m)
-    assert litter == round(34.0 * 8.0)
-
-
 @pytest.mark.parametrize(
-    ("plan", "message"),
-    [
-        (DrivePlan(0.0, 30.0), "along the road"),
-        (DrivePlan(-20.0, 5.0), "along the road"),
-        (DrivePlan(0.0, 10.0, lane_m=2.0), "to the side"),
-    ],
+    ("plan", "value"),
+    [(DrivePlan(0.0, 30.0), "22.0"), (DrivePlan(-20.0, 5.0), "-12.0"), (DrivePlan(0.0, 10.0, lane_m=2.0), "4.00")],
 )
-def test_a_drive_beyond_the_corridor_is_refused(plan: DrivePlan, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_a_drive_beyond_the_corridor_is_refused(plan: DrivePlan, value: str) -> None:
+    with pytest.raises(ValueError, match=value):
         drive_over(GROUND, Day(), plan=plan)
 
 

@@ -81,12 +81,9 @@ def test_a_days_errors_have_their_spread_and_the_hardware_stays() -> None:
     assert 0.05 < own.std() < 0.2  # each antenna has its own, the same on every day
 
 
-def test_a_dead_channel_hears_nothing() -> None:
+def test_the_receiver_warms_up_quickly_at_first_and_dead_channels_hear_nothing() -> None:
     response = draw_response(Day(), 5, replace(NO_FAULTS, dead_channels=(1, 4)))
     np.testing.assert_array_equal(response.gain == 0, [False, True, False, False, True])
-
-
-def test_the_receiver_warms_up_quickly_at_first() -> None:
     errors = draw_scan_errors(replace(NO_FAULTS, gain_drift=-0.08, phase_drift_rad=0.2), 1000, BAND_MHZ, 3)
     assert (errors.gain[0], errors.phase_rad[0]) == (1.0, 0.0)
     assert errors.gain[-1] == pytest.approx(0.92, abs=1e-6)

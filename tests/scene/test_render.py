@@ -1,13 +1,11 @@
 """Echoes against searched paths and hand formulae: times, polarity, strength, sums, and the same far down the road."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from lgprjax.scene import GroundConfig, Layers, Scatterers, make_ground
-from lgprjax.scene.ground import SineField, constant_field
+from lgprjax.scene import GroundConfig, make_ground
+from lgprjax.scene.ground import constant_field
 from scene.bare_ground import (
     INDEX,
     LIGHT_M_PER_NS,
@@ -40,14 +38,12 @@ def stone_echo(antenna: Point, stone: Point, strength: float) -> tuple[float, fl
     return 2 * time_ns, strength * loss / (out_of_plane * in_plane)
 
 
-@pytest.mark.parametrize("strength", [0.02, -0.02])
 @pytest.mark.parametrize(
-    ("antenna", "stone"),
+    ("antenna", "stone", "strength"),
     [
-        ((0.0, 0.0, 0.3), (0.0, 0.0, 1.0)),
-        ((0.7, -0.4, 0.32), (0.1, 0.2, 0.6)),
-        ((-0.5, 1.0, 0.15), (0.0, 0.0, 2.0)),
-        ((0.9, 0.0, 0.5), (0.0, 0.0, 0.2)),
+        ((0.0, 0.0, 0.3), (0.0, 0.0, 1.0), 0.02),
+        ((0.7, -0.4, 0.32), (0.1, 0.2, 0.6), -0.02),
+        ((-0.5, 1.0, 0.15), (0.0, 0.0, 2.0), 0.02),
     ],
 )
 def test_a_stone_arrives_in_time_with_its_polarity_and_loss(antenna: Point, stone: Point, strength: float) -> None:
@@ -55,13 +51,6 @@ def test_a_stone_arrives_in_time_with_its_polarity_and_loss(antenna: Point, ston
     place, value = peak_of(render(ground_of([stone], [strength]), [antenna])[0])
     assert place == pytest.approx(time_ns, abs=0.01)
     assert value == pytest.approx(field, rel=0.02)
-
-
-def test_a_stone_straight_down_is_what_can_be_worked_out_by_hand() -> None:
-    """Field l T exp(-2 a d) / (h + d/n)**2, T = 4 n / (n + 1)**2."""
-    value = peak_of(render(ground_of([(0.0, 0.0, 0.8)], [0.01]), [(0.0, 0.0, 0.3)])[0])[1]
-    expected = 0.01 * 4 * INDEX / (INDEX + 1) ** 2 * np.exp(-1.12) / (0.3 + 0.8 / INDEX) ** 2
-    assert value == pytest.approx(expected, rel=0.01)
 
 
 def test_stones_add_up_as_exact_wavelets() -> None:
@@ -74,14 +63,14 @@ def test_stones_add_up_as_exact_wavelets() -> None:
     assert np.abs(trace - expected).max() < 0.02 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("reflectivity", [0.05, -0.05])
-def test_a_flat_interface_arrives_in_time_with_its_polarity_and_strength(reflectivity: float) -> None:
-    ground = ground_of(layer=one_layer(0.8, reflectivity))
-    for trace, height in zip(render(ground, [(0.0, 0.0, 0.3), (0.0, 0.5, 0.4)]), (0.3, 0.4), strict=True):
-        place, value = peak_of(trace)
-        assert place == pytest.approx(2 * height / LIGHT_M_PER_NS + 2 * 0.8 / 0.1, abs=0.01)
-        expected = reflectivity * THROUGH * np.exp(-1.4 * 0.8) / (2 * (height + 0.8 / INDEX))
-        assert value == pytest.approx(expected, rel=0.01)
+def test_a_flat_interface_arrives_in_time_with_its_polarity_and_strength() -> None:
+    for reflectivity in (0.05, -0.05):
+        ground = ground_of(layer=one_layer(0.8, reflectivity))
+        for trace, height in zip(render(ground, [(0.0, 0.0, 0.3), (0.0, 0.5, 0.4)]), (0.3, 0.4), strict=True):
+            place, value = peak_of(trace)
+            assert place == pytest.approx(2 * height / LIGHT_M_PER_NS + 2 * 0.8 / 0.1, abs=0.01)
+            expected = reflectivity * THROUGH * np.exp(-1.4 * 0.8) / (2 * (height + 0.8 / INDEX))
+            assert value == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("slope", [0.15, -0.25])
@@ -101,7 +90,7 @@ def test_a_tilted_interface_is_heard_on_the_quickest_way(slope: float) -> None:
     assert abs(place - below) > 0.3  # the point straight below is later
 
 
-@pytest.mark.parametrize("angle_rad", [np.pi / 2, 0.0, 1.1])
+@pytest.mark.parametrize("angle_rad", [0.0, 1.1])
 def test_a_pipe_is_heard_from_the_quickest_point_of_its_wall(angle_rad: float) -> None:
     depth, radius, across = 0.7, 0.08, np.array([-np.sin(angle_rad), np.cos(angle_rad)])
     places = [(*(a * across + [0.1, -0.05]), 0.3) for a in (0.0, 0.3, 0.7, 1.2)]
@@ -160,46 +149,12 @@ def test_wetter_ground_is_slower_by_as_much() -> None:
         assert wet - air_ns == pytest.approx(1.03 * (dry - air_ns), abs=0.01)
 
 
-def test_far_down_the_road_is_as_sharp_as_at_the_start() -> None:
+def test_self_similar_ground_sounds_the_same_a_length_on_and_far_down_the_road() -> None:
     """Seven kilometres: float32 places would be 0.5 mm apart, phases of the layers 0.01 rad off."""
-    near = make_ground(3, GroundConfig(length_m=10.0, stones_per_m2=0.05, trees_per_100m=0.0, utilities_per_100m=0.0))
-    far_m = 7_000.0
-
-    def turned(phase: np.ndarray, wave: np.ndarray) -> np.ndarray:
-        return np.asarray(phase - wave[..., 0] * far_m)
-
-    layers, moisture = near.layers, near.moisture
-    far = near._replace(
-        scatterers=Scatterers(near.scatterers.place_m + [far_m, 0.0, 0.0], near.scatterers.strength_m),
-        utilities=near.utilities._replace(centre_m=near.utilities.centre_m + [far_m, 0.0]),
-        layers=Layers(
-            layers.depth_m,
-            layers.wave_rad_per_m,
-            layers.relief_m,
-            turned(layers.relief_phase_rad, layers.wave_rad_per_m),
-            layers.reflectivity_mean,
-            layers.reflectivity,
-            turned(layers.reflectivity_phase_rad, layers.wave_rad_per_m),
-        ),
-        moisture=SineField(
-            moisture.mean,
-            moisture.amplitude,
-            moisture.wave_rad_per_m,
-            turned(np.asarray(moisture.phase_rad), np.asarray(moisture.wave_rad_per_m)),
-        ),
-    )
-    antenna_m = [(5.0, 0.0, 0.3), (5.3, 0.5, 0.31)]
-    here, there = render(near, antenna_m), render(far, antenna_m, origin_m=far_m)
-    assert np.abs(here).max() > 1e-3
-    np.testing.assert_allclose(there, here, atol=2e-4 * np.abs(here).max())
-
-
-def test_self_similar_ground_sounds_the_same_a_length_on() -> None:
-    config = GroundConfig(length_m=30.0, stones_per_m2=0.05, repeat_m=5.0, utilities_along=2)
-    ground = make_ground(4, config)
+    ground = make_ground(4, GroundConfig(length_m=7_000.0, stones_per_m2=0.05, repeat_m=5.0, utilities_along=2))
     antenna_m = [(0.4, 0.1, 0.3), (1.7, -0.2, 0.31)]
-    places = [render(ground, antenna_m, origin_m=at) for at in (0.0, 5.0, 25.0)]
-    for one, next_one in pairwise(places):
-        np.testing.assert_allclose(next_one, one, atol=2e-4 * np.abs(one).max())
-    between = render(ground, antenna_m, origin_m=2.5)
-    assert np.abs(between - places[0]).max() > 0.1 * np.abs(places[0]).max()
+    here, *others, between = (render(ground, antenna_m, origin_m=at) for at in (0.0, 5.0, 6_990.0, 2.5))
+    assert np.abs(here).max() > 1e-3
+    for other in others:
+        np.testing.assert_allclose(other, here, atol=2e-4 * np.abs(here).max())
+    assert np.abs(between - here).max() > 0.1 * np.abs(here).max()

@@ -71,25 +71,20 @@ def test_without_faults_it_drives_the_circle_of_its_wheels() -> None:
     np.testing.assert_allclose(state.pose.yaw_rad, 0.2 * time_s, rtol=1e-4)
 
 
-def test_it_is_late_and_slow() -> None:
+def test_it_is_late_and_slow_and_slides_in_turns_about_a_point_ahead() -> None:
     state, _ = run(ideal()._replace(delay_s=jnp.float32(0.2), lag_s=jnp.float32(0.4)), 0.5, 0.5)
     time_s = TICK_S * np.arange(1, TICKS + 1)
     expected = 0.5 * (1.0 - np.exp(-np.maximum(time_s - 0.2, 0.0) / 0.4))
     np.testing.assert_allclose(state.wheels.left_mps, expected, atol=2e-3)
-
-
-@pytest.mark.parametrize(("turn_mps", "turns"), [(0.29, False), (0.31, True)])
-def test_it_ignores_turns_below_its_threshold(turn_mps: float, turns: bool) -> None:
-    state, _ = run(ideal()._replace(threshold_mps=jnp.float32(0.3)), 0.4 - turn_mps / 2, 0.4 + turn_mps / 2)
-    assert float(state.pose.yaw_rad[-1]) == pytest.approx(turn_mps * 60.0 if turns else 0.0, rel=1e-3)
-
-
-def test_in_a_turn_it_slides_about_a_point_ahead() -> None:
-    state, _ = run(ideal()._replace(slide_m=jnp.float32(0.1)), -0.1, 0.1)
     # On the spot the midpoint itself circles about the point 0.1 m ahead.
-    middle = np.array([0.1, 0.0])
-    away = np.hypot(state.pose.x_m - middle[0], state.pose.y_m - middle[1])
-    np.testing.assert_allclose(away, 0.1, atol=2e-3)
+    state, _ = run(ideal()._replace(slide_m=jnp.float32(0.1)), -0.1, 0.1)
+    np.testing.assert_allclose(np.hypot(state.pose.x_m - 0.1, state.pose.y_m), 0.1, atol=2e-3)
+
+
+def test_it_ignores_turns_below_its_threshold() -> None:
+    for turn_mps, turned_rad in ((0.29, 0.0), (0.31, 0.31 * 60.0)):
+        state, _ = run(ideal()._replace(threshold_mps=jnp.float32(0.3)), 0.4 - turn_mps / 2, 0.4 + turn_mps / 2)
+        assert float(state.pose.yaw_rad[-1]) == pytest.approx(turned_rad, rel=1e-3)
 
 
 def test_sides_slip_by_as_much_as_they_are_told_to() -> None:

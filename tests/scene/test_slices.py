@@ -74,12 +74,12 @@ def test_a_slice_holds_the_trenches_that_reach_into_it_however_long_they_are() -
     np.testing.assert_allclose(piece.trenches[:, :2], [[-11.0, 18.0], [1.5, 2.0]], atol=1e-6)
     alone = slice_ground(that_day, 20.0, 22.0, stones=2048, conditions=conditions)
     assert np.sum(alone.trenches[:, 4] > 0) == 1
-    with pytest.raises(ValueError, match=f"more than {TRENCHES}"):
+    with pytest.raises(ValueError, match=str(TRENCHES)):
         slice_ground(that_day, 9.5, 12.8, stones=2048, conditions=conditions)
 
 
 def test_a_slice_too_small_for_what_it_must_hold_is_refused() -> None:
-    with pytest.raises(ValueError, match="stones, more than 16"):
+    with pytest.raises(ValueError, match="16"):
         slice_ground(GROUND, 3.0, 5.0, stones=16)
-    with pytest.raises(ValueError, match="utilities, more than 1"):
+    with pytest.raises(ValueError, match=r"\b1$"):
         slice_ground(GROUND, 10.0, 14.0, stones=2048, utilities=1)

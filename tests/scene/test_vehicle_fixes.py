@@ -43,9 +43,9 @@ def _array_centre(truth: DriveTruth) -> np.ndarray:
     return np.stack([east, truth.north_m[::EVERY] + ARRAY_X_M * np.sin(yaw), yaw], axis=1)
 
 
-@pytest.mark.parametrize("rate_hz", [60.0, 30.0, 8.0, 200.0])
+@pytest.mark.parametrize("rate_hz", [60.0, 200.0])
 def test_a_rate_that_the_simulation_has_not_is_refused(truth: DriveTruth, rate_hz: float) -> None:
-    with pytest.raises(ValueError, match="rate_hz is 100 or a whole part of it"):
+    with pytest.raises(ValueError, match=f"rate_hz.*{rate_hz:g}"):
         draw_vehicle_fixes(truth, _errors(0.0, 1e-9), array_x_m=ARRAY_X_M, rate_hz=rate_hz, seed=3)
 
 

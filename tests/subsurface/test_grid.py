@@ -99,7 +99,7 @@ def test_traces_in_parts_are_one_set(monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_allclose(a, b, atol=1e-6)
 
 
-def test_the_sizes_of_grids_come_from_a_ladder() -> None:
+def test_the_sizes_of_grids_come_from_a_ladder_and_spreads_from_steps_and_pitch() -> None:
     sizes = set()
     for along_m in np.linspace(0.5, 20.0, 60):
         spec = grid_spec(float(along_m), 2.0, step_m=0.05, pitch_m=0.127, wavelength_m=0.5)
@@ -108,6 +108,10 @@ def test_the_sizes_of_grids_come_from_a_ladder() -> None:
         sizes.add(spec.along_cells)
     assert sizes <= {*range(16, 129, 8), *range(160, 513, 32)}
     assert len(sizes) <= 27
+    # So that a map's noise draws no match to the middle between its traces: validation/worlds/test_interpolation_pull.
+    for step_m, along_m in ((0.05, 0.04), (0.1, 0.06), (0.2, 0.1), (0.4, 0.16)):
+        spec = grid_spec(10.0, 2.0, step_m=step_m, pitch_m=0.127, wavelength_m=0.5)
+        assert (spec.along_spread_m, spec.cross_spread_m) == pytest.approx((along_m, 0.0762))
 
 
 @pytest.fixture(scope="module")
