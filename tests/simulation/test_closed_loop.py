@@ -11,7 +11,6 @@ import pytest
 from lgprjax.navigation import Reason
 from lgprjax.scene import SensorFaults, TrueVehicle, calibrated_fixes, no_faults
 from lgprjax.simulation.loop import (
-    LoopSetup,
     LoopSpec,
     LoopTick,
     LoopVehicle,
@@ -31,10 +30,9 @@ _AT = round(_FAULT_S / _SPEC.tick_s)
 
 
 class Driven(NamedTuple):
-    """A drive's ticks and its setup's rate limit, rad a tick."""
+    """A drive's ticks."""
 
     tick: LoopTick
-    limit_rad: float
 
     def first(self, reason: Reason) -> float:
         """Seconds after the fault until a reason is told; infinite where it never is."""
@@ -46,10 +44,6 @@ class Driven(NamedTuple):
         told = np.flatnonzero(self.tick.reaction[_AT:] >= level)
         return float(told[0]) * _SPEC.tick_s if len(told) else float("inf")
 
-    def offset_after(self) -> float:
-        """Largest offset after the fault."""
-        return float(np.abs(self.tick.offset_m[_AT:]).max())
-
 
 Drive = Callable[..., Driven]
 
@@ -57,44 +51,37 @@ Drive = Callable[..., Driven]
 def test_a_delay_that_its_slots_do_not_hold_is_refused() -> None:
     course = draw_course(OffRoad(3, 60.0))
     slow = LoopVehicle(vehicle=TrueVehicle(delay_s=0.2))
-    with pytest.raises(ValueError, match=r"delay_s is at most 0\.07937 with 5 delay_slots, not 0\.2"):
+    with pytest.raises(ValueError, match=r"delay_s .*0\.07937.* 5 delay_slots.* 0\.2"):
         loop_setup(_SPEC, slow, course.terrain)
     loop_setup(LoopSpec(delay_slots=13), slow, course.terrain)
 
 
 @pytest.fixture(scope="module")
-def course() -> tuple[Callable[[float], LoopSetup], object]:
-    bare = draw_course(OffRoad(3, 560.0))
-    return lambda gnss_m: loop_setup(_SPEC, LoopVehicle(gnss_slow_m=gnss_m), bare.terrain), bare
-
-
-@pytest.fixture(scope="module")
-def drive(course) -> Drive:  # type: ignore[no-untyped-def]
+def drive() -> Drive:
     """Half a kilometre off road with RTK, by faults; one program for all."""
-    setup_of, bare = course
-    errors = calibrated_fixes("clear")
+    bare, errors = draw_course(OffRoad(3, 560.0)), calibrated_fixes("clear")
+    sound = loop_setup(_SPEC, LoopVehicle(gnss_slow_m=0.03), bare.terrain)
+    route = route_of_road(bare, sound.autopilot.chassis, float(sound.set_speed_mps))
 
-    def go(faults: SensorFaults, gnss_m: float = 0.03, p_false: float | None = None) -> Driven:
+    def go(faults: SensorFaults, p_false: float | None = None) -> Driven:
         fixes_of = errors if p_false is None else errors._replace(p_false=jnp.float32(p_false))
-        setup = setup_of(gnss_m)._replace(faults=faults)
-        route = route_of_road(bare, setup.autopilot.chassis, float(setup.set_speed_mps))
+        setup = sound._replace(faults=faults)
         keys = jax.random.split(jax.random.key(5), 1)
         state, fixes = jax.tree.map(lambda leaf: leaf[0], start_lanes(_SPEC, setup, bare, route, fixes_of, keys))
         *_, trace = run_lane(_SPEC, setup, route, fixes_of, state, fixes, blank_sums(), keys[0], _TICKS, traced=True)
         tick: LoopTick = jax.tree.map(np.asarray, trace)
         assert tick.engaged[_AT - 100], "the autopilot drives well before the fault"
-        return Driven(tick, float(setup.autopilot.limiter.front_rate_radps) * _SPEC.tick_s)
+        # Whatever happens, it keeps to its line and to the limiter's rate.
+        assert np.abs(tick.offset_m[_AT:]).max() < 0.3048
+        limit_rad = float(setup.autopilot.limiter.front_rate_radps) * _SPEC.tick_s
+        assert np.abs(np.diff(tick.command_rad[tick.engaged])).max() <= limit_rad * 1.0001
+        return Driven(tick)
 
     return go
 
 
 def _from(start_s: float, stop_s: float = float("inf")) -> jax.Array:
     return jnp.asarray([start_s, stop_s], jnp.float32)
-
-
-def _held_to_its_rate(driven: Driven) -> None:
-    steps = np.abs(np.diff(driven.tick.command_rad[driven.tick.engaged]))
-    assert steps.max() <= driven.limit_rad * 1.0001
 
 
 def test_a_sound_drive_tracks_within_decimetres(drive: Drive) -> None:
@@ -105,18 +92,12 @@ def test_a_sound_drive_tracks_within_decimetres(drive: Drive) -> None:
     assert np.sqrt(np.mean(offset**2)) < 0.10
     assert np.abs(offset).max() < 0.3048
     assert driven.tick.reaction[on].max() < 2
-    _held_to_its_rate(driven)
+    assert 0.3 < driven.tick.nees_position[on].mean() / 2.0 < 2.0
     # The throttle and the brake are never pressed together.
     assert not np.any((driven.tick.throttle > 0) & (driven.tick.brake > 0))
 
 
-def test_its_uncertainty_is_honest(drive: Drive) -> None:
-    driven = drive(no_faults())
-    on = driven.tick.engaged.astype(bool)
-    assert 0.3 < driven.tick.nees_position[on].mean() / 2.0 < 2.0
-
-
-@pytest.mark.parametrize("size_m", [0.3, 3.0, 30.0])
+@pytest.mark.parametrize("size_m", [0.3, 30.0])
 def test_a_jump_of_gnss_is_left_out_and_stops_the_vehicle_when_it_lasts(drive: Drive, size_m: float) -> None:
     faults = no_faults()._replace(
         gnss_jump_s=jnp.float32(_FAULT_S), gnss_jump_m=jnp.asarray([0.6 * size_m, 0.8 * size_m], jnp.float32)
@@ -125,11 +106,9 @@ def test_a_jump_of_gnss_is_left_out_and_stops_the_vehicle_when_it_lasts(drive: D
     assert driven.first(Reason.GNSS_REJECTED) < 0.25  # an epoch of 1/7 s
     # Neither the estimate nor the vehicle follows it.
     assert np.abs(driven.tick.error_m[_AT:]).max() < 0.15
-    assert driven.offset_after() < 0.3048
     # Two sources that each hold together and contradict each other: after ten seconds nobody can say who is right.
     assert 9.0 < driven.first(Reason.CONFLICT_LASTS) < 11.5
     assert driven.tick.speed_mps[-1] == pytest.approx(0.0, abs=0.05)
-    _held_to_its_rate(driven)
 
 
 def test_a_frozen_receiver_is_reported_and_costs_nothing_while_lgpr_bounds_the_error(drive: Drive) -> None:
@@ -137,8 +116,6 @@ def test_a_frozen_receiver_is_reported_and_costs_nothing_while_lgpr_bounds_the_e
     assert driven.first(Reason.GNSS_STUCK) < 1.0
     assert driven.reaction_after(1) == float("inf")
     assert np.abs(driven.tick.error_m[_AT:]).max() < 0.15
-    assert driven.offset_after() < 0.3048
-    _held_to_its_rate(driven)
 
 
 def test_a_slow_drift_degrades_and_then_stops(drive: Drive) -> None:
@@ -146,28 +123,22 @@ def test_a_slow_drift_degrades_and_then_stops(drive: Drive) -> None:
     driven = drive(no_faults()._replace(gnss_drift_s=jnp.float32(_FAULT_S), gnss_drift_mps=drift))
     assert driven.reaction_after(1) < 10.0
     assert driven.reaction_after(1) < driven.reaction_after(2) < 25.0
-    assert driven.offset_after() < 0.3048
-    _held_to_its_rate(driven)
 
 
 def test_a_minute_without_radar_is_driven_on_rtk(drive: Drive) -> None:
     driven = drive(no_faults()._replace(lgpr_lost_s=_from(_FAULT_S, _FAULT_S + 60.0)))
     assert driven.first(Reason.LGPR_SILENT) < 2.0
     assert driven.reaction_after(2) == float("inf")
-    assert driven.offset_after() < 0.3048
     gone = slice(_AT + 63, _AT + round(60.0 / _SPEC.tick_s))
     assert driven.tick.speed_mps[gone].mean() < 2.6  # the cap of a degraded drive
     # With the radar back the speed is too.
     assert driven.tick.reaction[-10:].max() == 0
-    _held_to_its_rate(driven)
 
 
 def test_fading_ground_degrades(drive: Drive) -> None:
     faded = no_faults()._replace(lgpr_faded_s=_from(_FAULT_S, _FAULT_S + 20.0), lgpr_faded=jnp.float32(0.6))
     driven = drive(faded)
     assert driven.first(Reason.LGPR_FADED) < 2.5
-    assert driven.offset_after() < 0.3048
-    _held_to_its_rate(driven)
 
 
 def test_rain_that_leaves_the_evidence_is_engaged_and_driven_at_full_speed(drive: Drive) -> None:
@@ -195,9 +166,7 @@ def test_fixes_on_a_wrong_place_are_left_out(drive: Drive) -> None:
     )
     driven = drive(wrong)
     assert driven.first(Reason.LGPR_REJECTED) < 1.0
-    assert driven.offset_after() < 0.3048
     assert driven.tick.reaction[-10:].max() == 0
-    _held_to_its_rate(driven)
 
 
 def test_with_neither_source_it_stops_while_it_knows_where_it_is(drive: Drive) -> None:
@@ -206,12 +175,8 @@ def test_with_neither_source_it_stops_while_it_knows_where_it_is(drive: Drive) -
     stands = np.flatnonzero(np.abs(driven.tick.speed_mps[_AT:]) < 0.05)
     assert len(stands)
     assert driven.tick.sigma_cross_m[_AT + stands[0]] < 0.3
-    assert driven.offset_after() < 0.3048
-    _held_to_its_rate(driven)
 
 
 def test_slipping_wheels_do_not_lead_it_astray(drive: Drive) -> None:
     driven = drive(no_faults()._replace(slip_s=_from(_FAULT_S, _FAULT_S + 2.0), slip=jnp.float32(0.3)))
-    assert driven.offset_after() < 0.3048
     assert driven.tick.reaction[-10:].max() == 0
-    _held_to_its_rate(driven)

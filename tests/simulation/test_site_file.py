@@ -1,4 +1,4 @@
-"""Site files: what a short one becomes, what its words mean, and the one line that each mistake gets."""
+"""Site files: what a short one becomes, what its words mean, and where each mistake is told."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -7,10 +7,10 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 
-from lgprjax.errors import InputError
 from lgprjax.scene import NO_FAULTS, WEATHER, SweepPlan
 from lgprjax.simulation import Site, plan_site, read_site, site_file
 from lgprjax.simulation.site_tables import LIMITS
+from refusals import refused
 
 SITES = Path(__file__).parents[2] / "sites"
 SHORT = """
@@ -121,106 +121,73 @@ navigation = "survey"
 GROUND = "[ground]\nlength_m = 20\n"
 LIVE = '\n[[drive]]\nname = "live"\n'
 LAST = '\n[[drive]]\nname = "last"\n'
+DEAD = "[array]\nchannels = 2\n[radar.sweeps]\n[faults.f]\ndead_channels = [0, 1]"
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("text", "place", "values"),
     [
-        ("colour = 3\n" + SHORT, "colour: expected a key among array, day, drive, faults,"),
-        ("sede = 3\n" + SHORT, "sede: expected a key, perhaps seed, found an unknown key"),
-        (GROUND + "layer_depth_m = []" + LIVE, "ground.layer_depth_m: expected one depth or more, found none"),
-        (GROUND + "repeat_m = 1.1\ntrees_per_100m = 6" + LIVE, "ground.trees_per_100m: expected 0, or no such key"),
-        (GROUND + "repeat_m = 1.1\nutilities_per_100m = 2" + LIVE, "ground.utilities_per_100m: expected 0, or no such"),
-        (
-            GROUND + "[radar]\nband_mhz = [100, 102]\nband_edge_mhz = 1" + LIVE,
-            "radar.band_mhz: expected a band of 5 MHz",
-        ),
-        (
-            GROUND + "[radar.sweeps]\nfirst_mhz = 1000\nsteps = 50" + LIVE,
-            "radar.sweeps: expected frequencies within band_mhz, 100 to 400, found 1000 to 1245",
-        ),
-        (
-            GROUND
-            + "[array]\nchannels = 2\n[radar.sweeps]\n[faults.f]\ndead_channels = [0, 1]"
-            + LIVE
-            + 'faults = "f"',
-            "drive[1].faults: expected a live channel, which sweeps are calibrated by, found all channels dead",
-        ),
-        (SHORT + "lane = 0.3", "drive[2].lane: expected a key, perhaps lane_m, found an unknown key"),
-        (SHORT + "lane_m = true", "drive[2].lane_m: expected a number, found True"),
-        (SHORT + 'lane_m = "left"', "drive[2].lane_m: expected a number, found 'left'"),
-        (SHORT + "lane_m = nan", "drive[2].lane_m: expected -20 to 20, found nan"),
-        (SHORT + "lane_m = 1.5", "drive[2].lane_m: expected -1.28 to 1.28, where array and antennas hear ground"),
-        (SHORT + "stop_m = 29", "drive[2].stop_m: expected -12 to 27, where road and ground reach"),
-        (SHORT + "start_m = 5\nstop_m = 5", "drive[2].stop_m: expected more than start_m, 5, found 5"),
-        (SHORT + "stop_m = 0.001", "drive[2].stop_m: expected two scans or more"),
-        (SHORT + "direction = 0", "drive[2].direction: expected 1 or -1, found 0"),
-        (SHORT + "direction = 2", "drive[2].direction: expected -1 to 1, found 2"),
-        (SHORT + "direction = 1.0", "drive[2].direction: expected a whole number, found 1.0"),
-        (SHORT + "scan_rate_hz = 9", "drive[2].scan_rate_hz: expected scan_rate_hz in [array], found this key"),
-        (SHORT + "wander_wavelength_m = [40, 8]", "drive[2].wander_wavelength_m: expected [from, to] with from before"),
-        (SHORT + "wander_wavelength_m = 8", "drive[2].wander_wavelength_m: expected a list of 2, found 8"),
-        (SHORT + "roll_sigma_deg = 6", "drive[2].roll_sigma_deg: expected 0 to 5, found 6"),
-        (SHORT + "roll_sigma_deg = 1\nroll_sigma_rad = 0.01", "expected roll_sigma_rad or roll_sigma_deg, found both"),
-        (SHORT + "day_seed = -1", "drive[2].day_seed: expected a whole number from 0 to 2147483647, found -1"),
-        (SHORT + "wander_m = 0.9", "drive[2].wander_m: expected less, so that array and antennas (2.63 m)"),
-        (SHORT.replace('"snow"', '"snwo"'), "drive[2].day: expected a day, perhaps snow, found 'snwo'"),
-        (SHORT + 'navigation = "rtk"', "drive[2].navigation: expected navigation among standard, survey, found 'rtk'"),
-        (SHORT.replace('"live"', '"base"'), "drive[2].name: expected a name that no other drive has, found 'base'"),
-        (SHORT.replace('"live"', '"../live"'), "drive[2].name: expected a name of letters"),
-        (SHORT.replace('name = "live"', ""), "drive[2].name: expected a name of letters, digits"),
-        (SHORT.partition("[[")[0], "drive: expected one [[drive]] or more, found none"),
-        ("drive = 3" + SHORT.partition("[[")[0], "drive: expected one [[drive]] or more, found no such list"),
-        ("ground = 3", "ground: expected a table, found 3"),
-        ("[ground", "file: expected TOML, found"),
-        ("[day.snow]" + LAST, "day.snow: expected a name of its own (like = that name)"),
-        ('[day.wet]\nlike = "rainy"' + LAST, "day.wet.like: expected a kind of weather, perhaps rain, found 'rainy'"),
-        ("[day.wet]\ncover = {index = 1.3}" + LAST, "day.wet.cover.thickness_m: expected a value, found none"),
-        ("[day.wet]\ntrenches = [{along_m = [6, 4]}]" + LAST, "day.wet.trenches[1].along_m: expected [from, to]"),
-        ("[faults.none]" + LAST, "faults.none: expected a name of its own, found a built-in name"),
-        ("[navigation.a]\noutages_s = [[3, 2]]" + LAST, "navigation.a.outages_s[1]: expected [from, to]"),
-        ("[ground]\nhalf_width_m = 2.5" + LAST, "ground.half_width_m: expected 2.63 or more, what array and antennas"),
-        ("[ground]\nvelocity_m_per_ns = 0.3" + LAST, "ground.velocity_m_per_ns: expected 0.06 to 0.2, found 0.3"),
-        (
-            "[ground]\nvelocity_m_per_ns = 0.061" + LAST + 'day = "rain"',
-            "drive[1].day: expected a velocity in the ground of 0.06 to 0.2 m/ns on that day, found 0.0581 m/ns",
-        ),
-        ("[road]\nlength_m = 9" + LAST, "road.length_m: expected length_m in [ground], which the road goes by"),
-        ("[road]\narcs = [[50, 0.1]]" + LAST, "road.arcs[1]: expected a curvature of -0.01667 to 0.01667 per metre"),
-        ("[road]\narcs = [[-1, 0.0]]" + LAST, "road.arcs[1]: expected [length in metres above 0"),
-        ('[radar]\nrecording = "both"' + LAST, 'radar.recording: expected "traces" or "sweeps", found \'both\''),
-        ('[radar]\nrecording = "traces"\nsweeps = {}' + LAST, 'radar.recording: expected "sweeps", since there is'),
-        ("[radar]\nband_mhz = [100, 4000]" + LAST, "radar.band_mhz: expected at most 3125 MHz at this sample_step_ns"),
-        ("[radar]\nband_edge_mhz = 200" + LAST, "radar.band_edge_mhz: expected at most half the band, 150, found 200"),
-        (
-            "[radar.sweeps]\nstep_mhz = 90" + LAST,
-            "radar.sweeps.steps: expected at most 3125 MHz at this sample_step_ns",
-        ),
-        (
-            "[radar.sweeps]\nstep_mhz = 50\nsteps = 8" + LAST,
-            "radar.sweeps.step_mhz: expected at most 12.9 MHz, unambiguous over the radar's window of 55 ns, found",
-        ),
-        ("[faults.a]\ndead_channels = [11]" + LAST + 'faults = "a"', "drive[1].faults: expected dead_channels from 0"),
+        ("sede = 3\n" + SHORT, "sede", ["seed"]),
+        (GROUND + "layer_depth_m = []" + LIVE, "ground.layer_depth_m", []),
+        (GROUND + "repeat_m = 1.1\ntrees_per_100m = 6" + LIVE, "ground.trees_per_100m", ["0"]),
+        (GROUND + "repeat_m = 1.1\nutilities_per_100m = 2" + LIVE, "ground.utilities_per_100m", ["0"]),
+        (GROUND + "[radar]\nband_mhz = [100, 102]\nband_edge_mhz = 1" + LIVE, "radar.band_mhz", ["5 MHz"]),
+        (GROUND + "[radar.sweeps]\nfirst_mhz = 1000\nsteps = 50" + LIVE, "radar.sweeps", ["400", "1245"]),
+        (GROUND + DEAD + LIVE + 'faults = "f"', "drive[1].faults", []),
+        (SHORT + 'lane_m = "left"', "drive[2].lane_m", ["left"]),
+        (SHORT + "lane_m = nan", "drive[2].lane_m", ["-20", "20", "nan"]),
+        (SHORT + "lane_m = 1.5", "drive[2].lane_m", ["-1.28", "1.28"]),
+        (SHORT + "stop_m = 29", "drive[2].stop_m", ["-12", "27"]),
+        (SHORT + "start_m = 5\nstop_m = 5", "drive[2].stop_m", ["start_m", "5"]),
+        (SHORT + "stop_m = 0.001", "drive[2].stop_m", []),
+        (SHORT + "direction = 0", "drive[2].direction", ["1", "-1", "0"]),
+        (SHORT + "scan_rate_hz = 9", "drive[2].scan_rate_hz", ["[array]"]),
+        (SHORT + "wander_wavelength_m = [40, 8]", "drive[2].wander_wavelength_m", []),
+        (SHORT + "roll_sigma_deg = 6", "drive[2].roll_sigma_deg", ["0", "5", "6"]),
+        (SHORT + "roll_sigma_deg = 1\nroll_sigma_rad = 0.01", "drive[2].roll_sigma_deg", ["roll_sigma_rad"]),
+        (SHORT + "day_seed = -1", "drive[2].day_seed", ["0", "2147483647", "-1"]),
+        (SHORT + "wander_m = 0.9", "drive[2].wander_m", ["2.63"]),
+        (SHORT.replace('"snow"', '"snwo"'), "drive[2].day", ["snow", "snwo"]),
+        (SHORT + 'navigation = "rtk"', "drive[2].navigation", ["standard", "survey", "rtk"]),
+        (SHORT.replace('"live"', '"base"'), "drive[2].name", ["base"]),
+        (SHORT.replace('"live"', '"../live"'), "drive[2].name", ["../live"]),
+        (SHORT.replace('name = "live"', ""), "drive[2].name", []),
+        (SHORT.partition("[[")[0], "drive", ["[[drive]]"]),
+        ("drive = 3" + SHORT.partition("[[")[0], "drive", ["[[drive]]"]),
+        ("ground = 3", "ground", ["3"]),
+        ("[ground", "file", ["TOML"]),
+        ("[day.snow]" + LAST, "day.snow", ["like"]),
+        ('[day.wet]\nlike = "rainy"' + LAST, "day.wet.like", ["rain", "rainy"]),
+        ("[day.wet]\ncover = {index = 1.3}" + LAST, "day.wet.cover.thickness_m", []),
+        ("[day.wet]\ntrenches = [{along_m = [6, 4]}]" + LAST, "day.wet.trenches[1].along_m", []),
+        ("[faults.none]" + LAST, "faults.none", []),
+        ("[navigation.a]\noutages_s = [[3, 2]]" + LAST, "navigation.a.outages_s[1]", []),
+        ("[ground]\nhalf_width_m = 2.5" + LAST, "ground.half_width_m", ["2.63"]),
+        ("[ground]\nvelocity_m_per_ns = 0.3" + LAST, "ground.velocity_m_per_ns", ["0.06", "0.2", "0.3"]),
+        ("[ground]\nvelocity_m_per_ns = 0.061" + LAST + 'day = "rain"', "drive[1].day", ["0.06", "0.2", "0.0581"]),
+        ("[road]\nlength_m = 9" + LAST, "road.length_m", ["[ground]"]),
+        ("[road]\narcs = [[50, 0.1]]" + LAST, "road.arcs[1]", ["-0.01667", "0.01667"]),
+        ("[road]\narcs = [[-1, 0.0]]" + LAST, "road.arcs[1]", []),
+        ('[radar]\nrecording = "both"' + LAST, "radar.recording", ["traces", "sweeps", "both"]),
+        ('[radar]\nrecording = "traces"\nsweeps = {}' + LAST, "radar.recording", ["sweeps"]),
+        ("[radar]\nband_mhz = [100, 4000]" + LAST, "radar.band_mhz", ["3125"]),
+        ("[radar]\nband_edge_mhz = 200" + LAST, "radar.band_edge_mhz", ["150", "200"]),
+        ("[radar.sweeps]\nstep_mhz = 90" + LAST, "radar.sweeps.steps", ["3125"]),
+        ("[radar.sweeps]\nstep_mhz = 50\nsteps = 8" + LAST, "radar.sweeps.step_mhz", ["12.9", "55"]),
+        ("[faults.a]\ndead_channels = [11]" + LAST + 'faults = "a"', "drive[1].faults", ["dead_channels"]),
     ],
 )
-def test_each_mistake_gets_one_line(tmp_path: Path, change: str, message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        site_of(tmp_path, change)
-    line = str(caught.value)
-    assert line.startswith(f"{tmp_path / 's.toml'}: ")
-    assert message in line
-    assert "\n" not in line
-
-
-def test_a_missing_file_is_said(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="file: expected a readable file, found No such file"):
-        read_site(tmp_path / "none.toml")
+def test_each_mistake_is_told_by_its_key(tmp_path: Path, text: str, place: str, values: list[str]) -> None:
+    with refused(place, *values, file="s.toml"):
+        site_of(tmp_path, text)
 
 
 def test_what_only_planning_finds_names_the_drive(tmp_path: Path) -> None:
     """The wander of this drive goes past three times its rms: found before anything is rendered."""
+    with refused("file", file="none.toml"):
+        read_site(tmp_path / "none.toml")
     site = site_of(tmp_path, SHORT + "lane_m = 0.4\nwander_m = 0.3\nstop_m = 20\nwander_wavelength_m = [2, 3]\n")
-    with pytest.raises(InputError, match=r"s.toml: drive\[2\]: expected a drive .*, found the drive hears"):
+    with refused("drive[2]", file="s.toml"):
         plan_site(site, tmp_path / "s.toml")
 
 
@@ -237,8 +204,8 @@ def test_an_example_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     (tmp_path / "village").mkdir()  # as a run left it that wrote its drives there
     assert site_file("village").read_bytes() == (SITES / "village.toml").read_bytes()
-    for given, found in (("town", "no such file"), (tmp_path, "a folder")):
-        with pytest.raises(InputError, match=f"site: expected .* among array_sweeps, .*, weather, found {found}"):
+    for given in ("town", tmp_path):
+        with refused("site", "array_sweeps", "weather"):
             site_file(given)
 
 
@@ -265,5 +232,5 @@ def test_more_trenches_than_a_block_of_scans_hears_are_refused_before_anything_i
         plan_site(site_of(tmp_path, GROUND + trenches + LIVE + 'day = "dug"'), tmp_path / "s.toml")
 
     plan(2, 4, 18)
-    with pytest.raises(InputError, match=r"drive\[1\]: .*3 trenches from .* m, more than 2"):
+    with refused("drive[1]", "3", "2"):
         plan(4, 6, 8)

@@ -92,7 +92,6 @@ def test_the_tool_takes_a_moment_and_its_faults_show() -> None:
     assert sound.depth_m == pytest.approx(0.15)
     items = [{"kind": "tool_stops", "at_way_m": 0.0}]
     known = {"tool_stops": ()}
-
     faults.run(read_items(Path("x"), "", items, key="kind", known=known, lasts_s={}))
     stopped = step_tool(sound, 0.15, faults, 0.05)
     assert not stopped.turns
@@ -101,7 +100,6 @@ def test_the_tool_takes_a_moment_and_its_faults_show() -> None:
 
 
 def test_a_fault_begins_again_every_so_often_and_another_after_arrivals() -> None:
-
     rows = [
         {"kind": "off", "at_s": 10.0, "for_s": 2.0, "every_s": 30.0},
         {"kind": "there", "at_arrival": 2, "for_s": 1.0},

@@ -1,4 +1,4 @@
-"""A field worked in sessions that are killed at random moments: what is left is worked, and little of it twice.
+"""Fields worked in sessions that are killed at random moments, and the maps of what was worked.
 
 Each session begins as a new run does: its filter knows neither place nor heading, its map is what was taken up, its
 route the rest of the plan. What it leaves behind are the moments that were recorded until it was killed.
@@ -9,7 +9,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from lgprjax.coverage import (
     CellGrid,
@@ -32,7 +31,6 @@ from lgprjax.coverage.resume import (
     place_of_tool,
     resume_place,
     route_from,
-    share_of_lines,
     worked_stretches,
 )
 from lgprjax.simulation.field_loop import (
@@ -96,7 +94,7 @@ def work_in_sessions(
         on = (kept.tool > 0.5) & kept.engaged
         again_m = 0.0
         for number in np.unique(kept.line[on & (kept.line >= 0)]):
-            low, high = _span(pattern, kept, on & (kept.line == number), int(number))
+            low, high = span_of(pattern, kept, on & (kept.line == number), int(number))
             again_m += sum(max(min(high, b) - max(low, a), 0.0) for a, b in spans[number])
             spans[number].append((low, high))
         if session:
@@ -114,12 +112,12 @@ def work_in_sessions(
             if following is None:
                 break
             place = following
-    omitted_m = sum(_hole_m(spans[number], line.length_m) for number, line in enumerate(pattern.lines))
+    omitted_m = sum(hole_m(spans[number], line.length_m) for number, line in enumerate(pattern.lines))
     inside = inside_cells(course.field, grid)
     return Worked(killed, repeated, omitted_m, float(np.mean(cell_states(probability, 0.95)[inside] == 2)))
 
 
-def _span(pattern: Pattern, kept, on: np.ndarray, number: int) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+def span_of(pattern: Pattern, kept, on: np.ndarray, number: int) -> tuple[float, float]:  # type: ignore[no-untyped-def]
     """From where to where along a line the tool's true rectangle was."""
     line = pattern.lines[number]
     along = (line.end_m - line.start_m) / line.length_m
@@ -132,7 +130,7 @@ def _span(pattern: Pattern, kept, on: np.ndarray, number: int) -> tuple[float, f
     return max(float(ahead.min()) - half_m, 0.0), min(float(ahead.max()) + half_m, line.length_m)
 
 
-def _hole_m(spans: list[tuple[float, float]], length_m: float) -> float:
+def hole_m(spans: list[tuple[float, float]], length_m: float) -> float:
     reached = hole = 0.0
     for low, high in sorted(spans):
         hole += max(low - reached, 0.0)
@@ -154,74 +152,3 @@ def map_of(  # type: ignore[no-untyped-def]
         moment = ToolMoment(x, y, yaw, jnp.asarray(kept.covariance[fill]), jnp.asarray(count))
         state = run_worked(grid, tool, state, moment, shared_sigma_m)
     return np.asarray(state.probability)
-
-
-def test_a_small_field_killed_twice_is_worked_to_its_end() -> None:
-    found = work_in_sessions(12.0, 5.0, kills=2, cell_m=0.1, seed=3)
-    assert found.kills == 2
-    assert max(found.repeated_m) < 2.0
-    assert found.omitted_m < 0.05
-    assert found.share > 0.95
-
-
-@pytest.mark.campaign
-def test_two_machines_on_one_field_leave_nothing_and_little_twice() -> None:
-    """Lines 1 to 3 and 4 to 5; both are cut short, hand over their maps, and go on side by side."""
-    settings = PatternSettings(1.2, 0.2, "boustrophedon", 1.5, 8.0, 1.2)
-    length_m, width_m = 12.0, 5.0
-    course = rectangle_course(length_m, width_m, settings, TOOL)
-    corners = np.array([[0.0, 0.0], [length_m, 0.0], [length_m, width_m], [0.0, width_m]])
-    pattern = plan_pattern(field_of_polygon(corners, name="field"), settings, name="field")
-    route, grid, world = lay_pattern(pattern), grid_of_field(course.field, 0.1, 1.2), made_up_field_world()
-    assert len(pattern.lines) == 5
-    spans: list[list[tuple[float, float]]] = [[] for _ in pattern.lines]
-    probability = np.zeros(grid.shape, np.float32)
-    places, repeated_m = [RoutePlace(0, 0.0), RoutePlace(3, 0.0)], 0.0
-    # Moments before the power goes: the first machine in its second line, the other one in its first.
-    cut = [1150, 700]
-    for session in range(2):
-        maps, before = [], probability.copy()
-        for machine in range(2):
-            place = places[machine]
-            stretches = worked_stretches(pattern, grid, cell_states(before, 0.95) == 2, TOOL, after=place)
-            stretches = share_of_lines(pattern, stretches, (2, None)[machine])
-            rest = route_from(route, pattern, Resumption(place, stretches))
-            key = jax.random.key(70 + 10 * session + machine)[None]
-            kept = run_fields(FieldLoopSpec(moments=2400), world, rest, course.fence, key)
-            kept = jax.tree.map(lambda leaf: np.asarray(leaf)[:, 0], kept)
-            done = bool(kept.done.any())
-            until = cut[machine] if session == 0 else int(np.argmax(kept.done))
-            assert done or session == 0
-            kept = jax.tree.map(lambda leaf, end=until: leaf[:end], kept)
-            on = (kept.tool > 0.5) & kept.engaged
-            for number in np.unique(kept.line[on & (kept.line >= 0)]):
-                low, high = _span(pattern, kept, on & (kept.line == number), int(number))
-                repeated_m += sum(max(min(high, b) - max(low, a), 0.0) for a, b in spans[number])
-                spans[number].append((low, high))
-            maps.append(map_of(grid, TOOL, kept, on))
-            at = np.flatnonzero(on & (kept.line >= 0))[-1]
-            pose = tuple(float(each[at]) for each in (kept.believed.x_m, kept.believed.y_m, kept.believed.yaw_rad))
-            last = place_of_tool(pattern, TOOL, int(kept.line[at]), (pose[0], pose[1], pose[2]))
-            places[machine] = resume_place(pattern, last) or places[machine]
-        probability = np.maximum(probability, np.maximum(*maps))
-    omitted_m = sum(_hole_m(spans[number], line.length_m) for number, line in enumerate(pattern.lines))
-    share = float(np.mean(cell_states(probability, 0.95)[inside_cells(course.field, grid)] == 2))
-    print(f"two machines: repeated {repeated_m:.2f} m, omitted {omitted_m:.2f} m, {100.0 * share:.2f} % processed")
-    assert omitted_m < 0.05
-    # A resumption each: a metre back, and half a tool.
-    assert repeated_m < 2.0 * 2.0
-    assert share > 0.95
-
-
-@pytest.mark.campaign
-def test_a_hectare_killed_ten_times_is_worked_to_its_end() -> None:
-    """Some 15 minutes: 6.8 km of way, eleven sessions or more."""
-    found = work_in_sessions(100.0, 100.0, kills=10, cell_m=0.1, seed=5)
-    print(
-        f"killed {found.kills} times; repeated {np.mean(found.repeated_m):.2f} m a session, "
-        f"{max(found.repeated_m):.2f} m at most; omitted {found.omitted_m:.3f} m of all lines; "
-        f"{100.0 * found.share:.2f} % of the field processed at 95 %"
-    )
-    assert found.kills == 10
-    assert max(found.repeated_m) < 2.0
-    assert found.omitted_m < 0.05
