@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from lgprjax.autopilot import (
     AutopilotConfig,
+    AutopilotInfo,
     AutopilotInputs,
     AutopilotState,
     Command,
@@ -276,9 +277,10 @@ def test_a_cap_is_kept(driven: dict[str, Driven]) -> None:
 
 
 @jax.jit
-def one_step(route: RoutePath, state: AutopilotState, inputs: AutopilotInputs) -> tuple[Command, Int[Array, ""]]:
-    _, sent, info = step_autopilot(CONFIG, route, state, inputs, jnp.float32(STEP_S))
-    return sent, info.limited
+def one_step(
+    config: AutopilotConfig, route: RoutePath, state: AutopilotState, inputs: AutopilotInputs
+) -> tuple[Command, AutopilotInfo]:
+    return step_autopilot(config, route, state, inputs, jnp.float32(STEP_S))[1:]
 
 
 class Sent(NamedTuple):
@@ -309,8 +311,8 @@ def command(planner: PlannerState | None = None, wheel_rad: float = 0.1, **told:
         front_rad=jnp.float32(told.get("front_rad", wheel_rad)),
         **{name: jnp.float32(value) for name, value in numbers.items()},
     )
-    sent, limited = one_step(winding_route(), state, inputs)
-    return Sent(*(float(part) for part in sent)), int(limited)
+    sent, info = one_step(CONFIG, winding_route(), state, inputs)
+    return Sent(*(float(part) for part in sent)), int(info.limited)
 
 
 def test_rolling_against_the_gear_brakes() -> None:

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from autopilot.test_step import CONFIG, winding_route
+from autopilot.test_step import CONFIG, one_step, winding_route
 from autopilot.test_watch_numbers import WHEEL
-from lgprjax.autopilot import init_autopilot, step_autopilot
+from lgprjax.autopilot import init_autopilot
 from lgprjax.autopilot.chassis_monitors import ServoWatchState, WheelAngles, step_servo_watch
 from lgprjax.autopilot.step import AutopilotInputs
 from lgprjax.autopilot.torque import TorqueState, step_torque
@@ -63,7 +63,7 @@ def ahead_of(share: float, exponent: float, least: float) -> float:
     )
     inputs = inputs._replace(torque_share=jnp.float32(share))
     state = init_autopilot(planner, speed, zero)
-    return float(step_autopilot(config, winding_route(), state, inputs, jnp.float32(TICK_S))[2].look_ahead_m)
+    return float(one_step(config, winding_route(), state, inputs)[1].look_ahead_m)
 
 
 def test_look_ahead_grows_within_the_study_s_limits() -> None:

@@ -33,8 +33,8 @@ from lgprjax.vehicle import VehiclePose
 from lgprjax.vehicle.kinematics import MeasuredRear
 
 TICK_S = 0.02
-TICKS = 6000
-"""Of a drive of two minutes."""
+TICKS, CHUNK, LANES = 6000, 100, 20
+"""Of a drive of two minutes; driven at a time, and how many side by side."""
 _TRUE = TrueVehicle()
 _SENSORS = live_sensors(tick_s=TICK_S, gnss_x_m=1.0, gnss_slow_m=0.3)
 _ZERO_COUNTS = -31_234.0
@@ -109,23 +109,40 @@ def nothing_wrong() -> Wrong:
 @cache
 def healthy_drives(drives: int) -> tuple[World, list[Row]]:
     """The states at every tick's begin, and what was heard at its end, drive after drive."""
-    starts = jax.vmap(_start)(jnp.arange(drives))
-    plans = jax.tree.map(lambda leaf: leaf.reshape(drives, TICKS), _plans(drives))
-    driven = _DRIVES(
-        starts, jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (drives,)), nothing_wrong()), plans, _terrain()
-    )
-    worlds, rows = jax.tree.map(lambda leaf: np.asarray(leaf).reshape(-1, *leaf.shape[2:]), driven)
-    return worlds, rows_of(rows)
+    state, plans = jax.vmap(_start)(jnp.arange(drives)), _plans(drives)
+    worlds, rows = [], []
+    for at in range(0, TICKS, CHUNK):
+        plan = jax.tree.map(lambda leaf, at=at: leaf.reshape(drives, -1)[:, at : at + CHUNK], plans)
+        state, world, row = _run(state, nothing_wrong(), plan)
+        worlds.append(world)
+        rows.append(row)
+    every: World = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1).reshape(-1, *parts[0].shape[2:]), *worlds)
+    heard = np.concatenate(rows, axis=1)
+    return every, rows_of(heard.reshape(-1, heard.shape[-1]))
 
 
-def drives_with(drives: int, wrong: Wrong, onsets: list[int], ticks: int) -> list[list[Row]]:
-    """What is heard from each onset on, one drive after another numbered as in ``healthy_drives``."""
+def drives_with(drives: int, wrong: Wrong, onsets: list[int]) -> list[list[Row]]:
+    """What is heard in a chunk from each onset on, one drive after another numbered as in ``healthy_drives``."""
     worlds, _ = healthy_drives(drives)
     starts = jax.tree.map(lambda leaf: jnp.asarray(leaf[np.asarray(onsets)]), worlds)
-    plans = jax.tree.map(lambda leaf: jnp.stack([leaf[at : at + ticks] for at in onsets]), _plans(drives))
-    wrongs = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(onsets),)), wrong)
-    rows = _DRIVES(starts, wrongs, plans, _terrain())[1]
-    return [rows_of(lane) for lane in np.asarray(rows)]
+    plans = jax.tree.map(lambda leaf: jnp.stack([leaf[at : at + CHUNK] for at in onsets]), _plans(drives))
+    return [rows_of(lane) for lane in _run(starts, wrong, plans)[2]]
+
+
+def _run(starts: World, wrong: Wrong, plans: Plan) -> tuple[World, World, Float[np.ndarray, "lane tick heard"]]:
+    """Lanes over a chunk, all in one program: states after it, states before its ticks, and what was heard."""
+    lanes = len(plans.front_rad)
+
+    def fill(leaf: Array) -> Array:
+        return jnp.concatenate([leaf, jnp.repeat(leaf[-1:], LANES - lanes, axis=0)])
+
+    wrongs = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (LANES,)), wrong)
+    after, (worlds, rows) = _DRIVES(jax.tree.map(fill, starts), wrongs, jax.tree.map(fill, plans), _terrain())
+    return (
+        jax.tree.map(lambda leaf: leaf[:lanes], after),
+        jax.tree.map(lambda leaf: np.asarray(leaf)[:lanes], worlds),
+        np.asarray(rows)[:lanes],
+    )
 
 
 def rows_of(heard: Float[np.ndarray, "tick heard"]) -> list[Row]:
@@ -294,13 +311,12 @@ def _tick(
     return following, (world, row)
 
 
-def _drive(world: World, wrong: Wrong, plan: Plan, terrain: Terrain) -> tuple[World, Float[Array, "tick heard"]]:
-    kept: tuple[World, Float[Array, "tick heard"]] = jax.lax.scan(
-        lambda carried, now: _tick(wrong, terrain, carried, now), world, plan
-    )[1]
-    return kept
+_Chunk = tuple[World, tuple[World, Float[Array, "... heard"]]]
 
 
-_DRIVES: Callable[[World, Wrong, Plan, Terrain], tuple[World, Float[Array, "drive tick heard"]]] = jax.jit(
-    jax.vmap(_drive, in_axes=(0, 0, 0, None))
-)
+def _drive(world: World, wrong: Wrong, plan: Plan, terrain: Terrain) -> _Chunk:
+    driven: _Chunk = jax.lax.scan(lambda carried, now: _tick(wrong, terrain, carried, now), world, plan)
+    return driven
+
+
+_DRIVES: Callable[[World, Wrong, Plan, Terrain], _Chunk] = jax.jit(jax.vmap(_drive, in_axes=(0, 0, 0, None)))

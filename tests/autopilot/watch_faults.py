@@ -10,12 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from autopilot.watch_drives import TICK_S, TICKS, Row, Wrong, drives_with, healthy_drives, nothing_wrong
+from autopilot.watch_drives import CHUNK, TICK_S, TICKS, Row, Wrong, drives_with, healthy_drives, nothing_wrong
 from autopilot.watch_loop import Watches, watch_row
 from lgprjax.autopilot.monitors import Watch
-
-LONGEST_TICKS = 100
-"""A fault's drives."""
 
 
 class Case(NamedTuple):
@@ -182,7 +179,7 @@ def moments(drives: int) -> dict[str, Bool[np.ndarray, " tick"]]:
     }
     speed, sent = column["true_mps"], column["sent_rad"]
     fits = np.arange(drives * TICKS) % TICKS
-    engaged = lasts(column["steering"] > 0.0, 1.0, 1.5) & (fits > 300) & (fits < TICKS - LONGEST_TICKS - 80)
+    engaged = lasts(column["steering"] > 0.0, 1.0, 1.5) & (fits > 300) & (fits < TICKS - CHUNK - 80)
     pedals = engaged & lasts(column["pedals"] > 0.0, 2.5, 1.5)
     turned = np.abs(np.roll(sent, -12) - sent)
     return {
@@ -206,9 +203,9 @@ def found_times_s(drives: int, case: Case, count: int) -> list[float]:
     onsets = sorted(int(at) for at in np.random.default_rng(11).choice(choices, count, replace=False))
     healthy = healthy_drives(drives)[1]
     if case.wrong is not None:
-        driven = drives_with(drives, case.wrong, onsets, LONGEST_TICKS)
+        driven = drives_with(drives, case.wrong, onsets)
     else:
-        driven = [healthy[at : at + LONGEST_TICKS] for at in onsets]
+        driven = [healthy[at : at + CHUNK] for at in onsets]
     found_s = []
     for at, rows in zip(onsets, driven, strict=True):
         state, after_s = watched(drives).before[at], math.inf
