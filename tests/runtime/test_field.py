@@ -318,9 +318,12 @@ def test_engaging_is_refused_until_the_heading_is_known(moments: Moments) -> Non
     assert loop.state["refusal"] == "NONE"
 
 
-def test_corners_are_marked_by_remote_control_without_a_plan(folder: Path) -> None:
+def test_corners_are_marked_by_remote_control_without_a_plan(folder: Path, moments: Moments) -> None:
     config = read_config(folder / "corners.run.toml")
-    loaded = load_skid(config)
+    loaded, planned = load_skid(config), moments.loaded.route
+    # As many rows as the plan's, all of them empty: its program is compiled already.
+    empty = loaded.route._replace(rows=jnp.zeros_like(planned.rows), line=jnp.full_like(planned.line, -1))
+    loaded = loaded._replace(route=empty)
     script = [
         {"at_s": 0.2, "do": "press", "button": "corner"},
         {"at_s": 0.6, "do": "drive_to", "x_m": 6.0, "y_m": 0.0, "speed_mps": 0.7},
@@ -338,6 +341,7 @@ def test_corners_are_marked_by_remote_control_without_a_plan(folder: Path) -> No
     assert math.hypot(float(x[0]) - loop.stage.moved.x_m, float(y[0]) - loop.stage.moved.y_m) < 0.08
     assert 0.005 < corner["sigma_m"] < 0.1
     assert loop.mode is Mode.READY
+    assert loop.state["refusal"] != "NONE"
     assert loop.state["refusal_text"] == loop.kind.inhibit_text()
     assert not any(int(row["engage"]) for row in loop.rows)
 

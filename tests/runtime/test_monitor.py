@@ -68,8 +68,8 @@ def test_this_machine_is_read(tmp_path: Path) -> None:
 
 def test_each_bound_has_its_warning(config: RuntimeConfig) -> None:
     assert warnings_of(WELL, config) == []
-    at_bounds = {"free_mb": 500.0, "memory_mb": 300.0, "hottest_c": 95.0}
-    unknown = {"memory_mb": None, "hottest_c": None}
+    at_bounds: dict[str, Any] = {"free_mb": 500.0, "memory_mb": 300.0, "hottest_c": 95.0}
+    unknown: dict[str, Any] = {"memory_mb": None, "hottest_c": None}
     for change in (at_bounds, unknown):
         assert warnings_of(WELL._replace(**change), config) == []
     beyond: list[tuple[dict[str, Any], str]] = [

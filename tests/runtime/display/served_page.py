@@ -43,7 +43,7 @@ run(Started("display", read_config(sys.argv[1]), Path(sys.argv[2]), Path(sys.arg
 """
 MEADOW = {"name": "meadow", "length_m": 412.0, "problem": None}
 QUARRY = {"name": "quarry", "length_m": 1609.0, "problem": None}
-BROKEN = {"name": "old road", "length_m": 88.0, "problem": "too tight a curve"}
+BROKEN: dict[str, Any] = {"name": "old road", "length_m": 88.0, "problem": "too tight a curve"}
 DRIVING: dict[str, Any] = {
     "tick": 5120,
     "time_s": 102.4,
