@@ -13,66 +13,29 @@ PATH = Path(__file__).parents[2] / "data_schema" / "wire_vectors.json"
 
 Table = dict[str, Any]
 
-# type, layout of the payload, names in order; bytes follow where the last name is `data`.
+# Name, type, layout of the payload, names in order; bytes follow where the last name is `data`. A line may go on.
+_FIELDS = """
+radar_command 0x10 <BI action scan_period_us
+radar_sweep_plan 0x11 <IIH first_khz step_khz steps
+radar_scan 0x12 <IHHI scan channels samples valid data
+radar_health 0x13 <BHfI state errors temperature_c dropped
+radar_description 0x14 <HHIifI channels samples sample_interval_ps time_zero_ps zero_level scan_period_us
+radar_sweep 0x15 <IHHHIf scan rows steps width valid scale data
+radar_sweep_description 0x16 <HHIIiI channels steps first_khz step_khz group_delay_ps scan_period_us
+radar_lookup 0x17 <HHHf rows steps width scale data
+drive_command 0x20 <fffB front_rad throttle brake engage
+drive_status 0x21 <IBHHfiffBffdf command_sequence engaged state refused potentiometer_v encoder_counts supply_v
+    torque_nm pedals throttle brake odometer_m speed_mps
+drive_test 0x22 <B test
+skid_command 0x24 <ffBfB left_mps right_mps tool depth_m engage
+skid_status 0x25 <IBHHffddBfff command_sequence engaged state refused left_mps right_mps left_m right_m tool
+    tool_rpm depth_m supply_v
+controller_status 0x30 <H buttons
+controller_light 0x31 <B light
+"""
 MESSAGES: dict[str, tuple[int, str, list[str]]] = {
-    "radar_command": (0x10, "<BI", ["action", "scan_period_us"]),
-    "radar_sweep_plan": (0x11, "<IIH", ["first_khz", "step_khz", "steps"]),
-    "radar_scan": (0x12, "<IHHI", ["scan", "channels", "samples", "valid", "data"]),
-    "radar_health": (0x13, "<BHfI", ["state", "errors", "temperature_c", "dropped"]),
-    "radar_description": (
-        0x14,
-        "<HHIifI",
-        ["channels", "samples", "sample_interval_ps", "time_zero_ps", "zero_level", "scan_period_us"],
-    ),
-    "radar_sweep": (0x15, "<IHHHIf", ["scan", "rows", "steps", "width", "valid", "scale", "data"]),
-    "radar_sweep_description": (
-        0x16,
-        "<HHIIiI",
-        ["channels", "steps", "first_khz", "step_khz", "group_delay_ps", "scan_period_us"],
-    ),
-    "radar_lookup": (0x17, "<HHHf", ["rows", "steps", "width", "scale", "data"]),
-    "drive_command": (0x20, "<fffB", ["front_rad", "throttle", "brake", "engage"]),
-    "drive_status": (
-        0x21,
-        "<IBHHfiffBffdf",
-        [
-            "command_sequence",
-            "engaged",
-            "state",
-            "refused",
-            "potentiometer_v",
-            "encoder_counts",
-            "supply_v",
-            "torque_nm",
-            "pedals",
-            "throttle",
-            "brake",
-            "odometer_m",
-            "speed_mps",
-        ],
-    ),
-    "drive_test": (0x22, "<B", ["test"]),
-    "skid_command": (0x24, "<ffBfB", ["left_mps", "right_mps", "tool", "depth_m", "engage"]),
-    "skid_status": (
-        0x25,
-        "<IBHHffddBfff",
-        [
-            "command_sequence",
-            "engaged",
-            "state",
-            "refused",
-            "left_mps",
-            "right_mps",
-            "left_m",
-            "right_m",
-            "tool",
-            "tool_rpm",
-            "depth_m",
-            "supply_v",
-        ],
-    ),
-    "controller_status": (0x30, "<H", ["buttons"]),
-    "controller_light": (0x31, "<B", ["light"]),
+    name: (int(kind, 16), layout, names)
+    for name, kind, layout, *names in map(str.split, _FIELDS.replace("\n    ", " ").strip().splitlines())
 }
 
 
@@ -86,31 +49,15 @@ def payload_of(name: str, fields: Table) -> bytes:
 
 def frame_of(kind: int, payload: bytes, head: Table, version: int = 1) -> bytes:
     """A whole frame."""
-    body = struct.pack(
-        "<BBHBBIIQH",
-        version,
-        kind,
-        len(payload),
-        head["mode"],
-        head["flags"],
-        head["session"],
-        head["sequence"],
-        head["stamp_us"],
-        head["ttl_ms"],
-    )
+    chosen = (head["mode"], head["flags"], head["session"], head["sequence"], head["stamp_us"], head["ttl_ms"])
+    body = struct.pack("<BBHBBIIQH", version, kind, len(payload), *chosen)
     return b"\xa5\x5a" + body + payload + struct.pack("<I", zlib.crc32(body + payload))
 
 
 def head_of(session: int, sequence: int, stamp_us: int, ttl_ms: int = 0, mode: int = 3, flags: int = 0) -> Table:
     """The header's numbers that a sender chooses."""
-    return {
-        "mode": mode,
-        "flags": flags,
-        "session": session,
-        "sequence": sequence,
-        "stamp_us": stamp_us,
-        "ttl_ms": ttl_ms,
-    }
+    numbers = (mode, flags, session, sequence, stamp_us, ttl_ms)
+    return dict(zip(("mode", "flags", "session", "sequence", "stamp_us", "ttl_ms"), numbers, strict=True))
 
 
 _SCAN = {"scan": 4711, "channels": 3, "samples": 4, "valid": 5, "data": "000102037e7f80818000ff01"}

@@ -33,17 +33,8 @@ def _ubx(kind: bytes, payload: bytes) -> bytes:
 
 
 def _pvt(**changes: Any) -> bytes:
-    fields = {
-        "iTOW": 345678900,
-        "fixType": 3,
-        "gnssFixOk": 1,
-        "carrSoln": 2,
-        "lat": 42.3601234,
-        "lon": -71.0589123,
-        "height": 12345,
-        "hMSL": 40000,
-        "hAcc": 14,
-    }
+    fields: dict[str, Any] = {"iTOW": 345678900, "fixType": 3, "gnssFixOk": 1, "carrSoln": 2, "hMSL": 40000, "hAcc": 14}
+    fields |= {"lat": 42.3601234, "lon": -71.0589123, "height": 12345}
     return bytes(UBXMessage("NAV", "NAV-PVT", GET, **(fields | changes)).serialize())
 
 
@@ -58,16 +49,8 @@ def _ins(**changes: Any) -> bytes:
 
 
 def _relative(**changes: Any) -> bytes:
-    fields = {
-        "version": 1,
-        "iTOW": 5000,
-        "relPosHeading": 359.5,
-        "accHeading": 0.25,
-        "relPosValid": 1,
-        "relPosHeadingValid": 1,
-        "isMoving": 1,
-        "carrSoln": 2,
-    }
+    fields: dict[str, Any] = {"version": 1, "iTOW": 5000, "relPosHeading": 359.5, "accHeading": 0.25, "carrSoln": 2}
+    fields |= dict.fromkeys(("relPosValid", "relPosHeadingValid", "isMoving"), 1)
     return bytes(UBXMessage("NAV", "NAV-RELPOSNED", GET, **(fields | changes)).serialize())
 
 
