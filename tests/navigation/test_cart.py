@@ -5,9 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from lgprjax.coverage import Tool
 from lgprjax.navigation import (
     SmoothedCart,
     cart_model,
@@ -16,16 +14,14 @@ from lgprjax.navigation import (
     smooth_cart,
     step_cart,
 )
-from navigation.cart_drives import ANTENNA_X_M, ANTENNA_Y_M, STEP_S, draw_cart_drives
+from navigation.cart_drives import ANTENNA_X_M, ANTENNA_Y_M, STEP_S, CartDrives, draw_cart_drives
 from navigation.skid_drives import ANTENNA_X_M as SKID_X_M
 from navigation.skid_drives import ANTENNA_Y_M as SKID_Y_M
 from navigation.skid_drives import SLIDE_SIGMA_M, draw_field_drives
-from true_cells import claims_and_truth
 
 MODEL = cart_model(gnss_x_m=ANTENNA_X_M, gnss_y_m=ANTENNA_Y_M)
 RUNS, SECONDS = 16, 400.0
-TOOL = Tool(1.0, 0.3, 0.6, 0.0)
-_SMOOTH = jax.jit(jax.vmap(lambda model, fixes: smooth_cart(model, cart_rules(), STEP_S, fixes), (None, 0)))
+smoothed = jax.jit(jax.vmap(lambda model, fixes: smooth_cart(model, cart_rules(), STEP_S, fixes), (None, 0)))
 
 
 class Told(NamedTuple):
@@ -51,48 +47,57 @@ class Told(NamedTuple):
         return float(np.sqrt(np.mean(np.sum(self.error[:, :2] ** 2, axis=1))))
 
 
-def errors(truth: np.ndarray, found: SmoothedCart, where: np.ndarray) -> Told:
+def told(truth: np.ndarray, found: SmoothedCart, where: np.ndarray) -> Told:
     error = truth - np.asarray(found.pose, np.float64)
     error[..., 2] = np.angle(np.exp(1j * error[..., 2]))
     some = np.asarray(found.known) & where
     return Told(error[some], np.asarray(found.covariance, np.float64)[some])
 
 
-@pytest.mark.parametrize(("on_the_spot", "off_s"), [(False, 0.0), (True, 0.0), (False, 15.0)])
-def test_an_inch_and_a_degree_with_gnss_alone(on_the_spot: bool, off_s: float) -> None:
-    """MF section 4: heading to 1°, position to an inch on a cart; turns on the spot and drop-outs cost ground alone."""
-    drives = draw_cart_drives(runs=RUNS, seconds=SECONDS, seed=19, on_the_spot=on_the_spot, off_s=off_s)
-    found = _SMOOTH(MODEL, drives.fixes)
-    told = errors(drives.truth, found, np.ones_like(drives.on_line))
-    line = errors(drives.truth, found, drives.on_line)
-    share = float(np.mean(np.asarray(found.known)[drives.on_line]))
-    headings = f"heading {told.heading_deg:.2f}°, on lines {line.heading_deg:.2f}°"
-    print(f"on the spot {on_the_spot}, off {off_s:g} s: {headings}, position {100 * told.position_m:.1f} cm")
-    print(f"NEES {told.nees:.2f}, {100 * share:.0f} % of lines")
-    assert line.heading_deg < 1.2
-    assert told.heading_deg < 1.3
-    assert told.position_m < 0.0254
-    assert 0.6 < told.nees < 1.2
-    assert share > (0.7 if off_s == 0.0 and not on_the_spot else 0.45)
+class Line(NamedTuple):
+    """Figures of drives: RMS of all and on lines alone, and the share of lines on which the heading is known."""
+
+    all: Told
+    on_lines: Told
+    known: float
+
+
+def judge(drives: CartDrives, found: SmoothedCart) -> Line:
+    """Figures of drives, held to an inch and a degree (MF section 4)."""
+    line = Line(
+        told(drives.truth, found, np.ones_like(drives.on_line)),
+        told(drives.truth, found, drives.on_line),
+        float(np.mean(np.asarray(found.known)[drives.on_line])),
+    )
+    assert line.on_lines.heading_deg < 1.2
+    assert line.all.heading_deg < 1.3
+    assert line.all.position_m < 0.0254
+    assert 0.6 < line.all.nees < 1.2
     # Nothing is far out: of tails as of a normal one some 1e-4 are beyond four sigmas.
-    beyond = told.error[:, 2] ** 2 > 16.0 * told.covariance[:, 2, 2]
-    assert np.mean(beyond) < 2e-3
+    assert np.mean(line.all.error[:, 2] ** 2 > 16.0 * line.all.covariance[:, 2, 2]) < 2e-3
+    return line
+
+
+def test_an_inch_and_a_degree_with_gnss_alone() -> None:
+    """Turns on the spot cost ground alone."""
+    drives = draw_cart_drives(runs=RUNS, seconds=SECONDS, seed=19, on_the_spot=True)
+    found = smoothed(MODEL, drives.fixes)
+    assert judge(drives, found).known > 0.45
 
 
 def test_a_body_that_slides_in_bends_is_told() -> None:
     """Tracks point aside of their way in a bend, which one antenna cannot see: it stands in the covariance."""
-    drives = draw_field_drives(runs=RUNS, seconds=200.0, seed=41, step_s=STEP_S, off_s=0.0)
+    drives = draw_field_drives(runs=RUNS, seconds=SECONDS, seed=41, step_s=STEP_S, off_s=0.0)
     model = cart_model(gnss_x_m=SKID_X_M, gnss_y_m=SKID_Y_M, slip_ahead_m=SLIDE_SIGMA_M)
     gnss = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), drives.observations.gnss)
     # Of the log each fix stands in the tick in which it was taken.
     early = np.asarray(gnss.age_s) > STEP_S
     moved = jax.tree.map(lambda leaf: jnp.asarray(_earlier(np.asarray(leaf), early)), gnss)
     moved = moved._replace(age_s=jnp.where(jnp.asarray(_earlier(early, early)), moved.age_s - STEP_S, moved.age_s))
-    found = _SMOOTH(model, moved)
     truth = np.moveaxis(drives.truth, 0, 1)
-    told = errors(truth, found, np.ones(truth.shape[:2], bool))
-    assert 0.5 < told.nees < 1.3, told.nees
-    assert told.heading_deg < 2.0
+    whole = told(truth, smoothed(model, moved), np.ones(truth.shape[:2], bool))
+    assert 0.5 < whole.nees < 1.3, whole.nees
+    assert whole.heading_deg < 2.0
 
 
 def _earlier(rows: np.ndarray, early: np.ndarray) -> np.ndarray:
@@ -101,24 +106,6 @@ def _earlier(rows: np.ndarray, early: np.ndarray) -> np.ndarray:
     kept[:, :-1][early[:, 1:]] = rows[:, 1:][early[:, 1:]]
     kept[early] = False if rows.dtype == bool else np.nan
     return kept
-
-
-@pytest.mark.parametrize("on_the_spot", [pytest.param(False, marks=pytest.mark.campaign), True])
-def test_ground_claimed_with_gnss_alone_was_passed(on_the_spot: bool) -> None:
-    drives = draw_cart_drives(runs=RUNS, seconds=SECONDS, seed=23, on_the_spot=on_the_spot)
-    found = _SMOOTH(MODEL, drives.fixes)
-    # The tool works all along, and counts where the heading is known.
-    always = np.ones(drives.truth.shape[1], bool)
-    pose, covariance, known = (np.asarray(each) for each in found)
-    counts = np.sum(
-        [claims_and_truth(TOOL, pose[run], covariance[run], known[run], drives.truth[run], always) for run in range(3)],
-        axis=0,
-    )
-    for level, (claimed, true, worked) in zip((0.95, 0.996), counts, strict=True):
-        shares = f"true {true / claimed:.5f}, claimed to worked {claimed / worked:.3f}"
-        print(f"on the spot {on_the_spot}, {level:g}: {shares}")
-        assert true >= level * claimed
-        assert claimed > 0.3 * worked
 
 
 def test_a_cart_that_stands_or_is_not_heard_gives_its_heading_up() -> None:
@@ -134,8 +121,8 @@ def test_a_cart_that_stands_or_is_not_heard_gives_its_heading_up() -> None:
             x = 0.04 * min(tick, 300)
             valid = tick % 10 == 0 and (tick <= 300 or heard)
             at = np.array([x, 0.0]) + 0.012 * rng.standard_normal(2)
-            told = fix._replace(x_m=one(at[0]), y_m=one(at[1]), age_s=one(0.0), valid=jnp.asarray(valid))
-            state, info = step(MODEL, cart_rules(), state, one(0.1), told)
+            heard_fix = fix._replace(x_m=one(at[0]), y_m=one(at[1]), age_s=one(0.0), valid=jnp.asarray(valid))
+            state, info = step(MODEL, cart_rules(), state, one(0.1), heard_fix)
             seen |= bool(info.heading_known)
             if tick > 300 and lost_s is None and not bool(info.heading_known):
                 lost_s = 0.1 * (tick - 300)

@@ -5,107 +5,84 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from lgprjax.navigation import FrameOffset, SlewLimits, anchor_frame, slew_frame, step_local, to_global, to_local
 from lgprjax.vehicle import Turn, VehiclePose, drive_arc
 
 STEP_S = 1.0 / 21.0
 LIMITS = SlewLimits(jnp.float32(0.3), jnp.float32(0.05))
-metres = st.floats(-500.0, 500.0, width=32)
-angles = st.floats(-3.0, 3.0, width=32)
-Triple = tuple[float, float, float]
-triples = st.tuples(metres, metres, angles)
-near = st.tuples(st.floats(-5.0, 5.0, width=32), st.floats(-5.0, 5.0, width=32), st.floats(-0.375, 0.375, width=32))
-
-anchored, localised, globalised, slewed = (
-    jax.jit(function) for function in (anchor_frame, to_local, to_global, slew_frame)
-)
+COUNT = 200
+_RNG = np.random.default_rng(1)
+FRAMES, PLACES, OTHERS = (_RNG.uniform([-500, -500, -3], [500, 500, 3], (COUNT, 3)).T for _ in range(3))
+# Corrections, the first of them none.
+NEAR = np.append(np.zeros((1, 3)), _RNG.uniform([-5, -5, -0.375], [5, 5, 0.375], (COUNT - 1, 3)), axis=0).T
 
 
-def pose(values: Triple) -> VehiclePose:
-    return VehiclePose(*(jnp.float32(value) for value in values))
+def pose(values: np.ndarray) -> VehiclePose:
+    return VehiclePose(*jnp.asarray(values, jnp.float32))
 
 
 def numbers(any_pose: Any) -> np.ndarray:
-    return np.asarray([float(part) for part in any_pose])
+    return np.asarray(any_pose, np.float64)
 
 
 def apart(one: Any, other: Any) -> tuple[float, float]:
+    """Largest distance and angle between poses."""
     difference = numbers(one) - numbers(other)
-    return float(np.hypot(*difference[:2])), float(abs(np.angle(np.exp(1j * difference[2]))))
+    return float(np.hypot(*difference[:2]).max()), float(np.abs(np.angle(np.exp(1j * difference[2]))).max())
 
 
-def turned(angle: float) -> np.ndarray:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+def turned(angle: np.ndarray, way: np.ndarray) -> np.ndarray:
+    return np.stack([np.cos(angle) * way[0] - np.sin(angle) * way[1], np.sin(angle) * way[0] + np.cos(angle) * way[1]])
 
 
-@settings(max_examples=100, deadline=None)
-@given(triples, triples)
-def test_poses_go_to_the_local_frame_and_back(frame: Triple, at: Triple) -> None:
-    offset = FrameOffset(*pose(frame))
-    back = globalised(offset, localised(offset, pose(at)))
-    distance, turn = apart(back, pose(at))
+def test_poses_go_to_the_local_frame_and_back_and_an_anchored_frame_makes_two_one() -> None:
+    offset = FrameOffset(*pose(FRAMES))
+    distance, turn = apart(to_global(offset, to_local(offset, pose(PLACES))), pose(PLACES))
     assert distance < 5e-4
     assert turn < 2e-6
-
-
-@settings(max_examples=100, deadline=None)
-@given(triples, triples)
-def test_an_anchored_frame_makes_both_poses_one(here: Triple, there: Triple) -> None:
-    offset = anchored(pose(here), pose(there))
-    distance, turn = apart(localised(offset, pose(here)), pose(there))
+    anchored = anchor_frame(pose(PLACES), pose(OTHERS))
+    distance, turn = apart(to_local(anchored, pose(PLACES)), pose(OTHERS))
     assert distance < 5e-4
     assert turn < 2e-6
-    expected = np.asarray(there[:2]) - turned(there[2] - here[2]) @ np.asarray(here[:2])
-    np.testing.assert_allclose(numbers(offset)[:2], expected, atol=5e-4)
+    expected = OTHERS[:2] - turned(OTHERS[2] - PLACES[2], PLACES[:2])
+    np.testing.assert_allclose(numbers(anchored)[:2], expected, atol=5e-4)
 
 
-@settings(max_examples=60, deadline=None)
-@given(triples, triples, near)
-def test_a_correction_moves_the_path_by_itself_and_never_the_vehicle(
-    estimate: Triple, local: Triple, correction: Triple
-) -> None:
+def test_a_correction_moves_the_path_by_itself_and_never_the_vehicle() -> None:
     """A new estimate of the map pose, off by a correction in the body, shows the path moved by its opposite."""
-    corrected = np.asarray(estimate, np.float64)
-    corrected[:2] += turned(estimate[2]) @ np.asarray(correction[:2])
-    corrected[2] += correction[2]
-    before, after = (anchored(pose(tuple(at)), pose(local)) for at in (estimate, corrected))
+    estimate, local = PLACES, OTHERS
+    corrected = estimate + np.append(turned(estimate[2], NEAR[:2]), NEAR[2:], axis=0)
+    before, after = (anchor_frame(pose(at), pose(local)) for at in (estimate, corrected))
     # The vehicle stands where it stood: each frame puts its own estimate at the same local pose.
-    assert apart(localised(after, pose(tuple(corrected))), localised(before, pose(estimate)))[0] < 1e-3
+    assert apart(to_local(after, pose(corrected)), to_local(before, pose(estimate)))[0] < 1e-3
     # A path point 3 m ahead of the old estimate, seen in the body before and after.
-    point = np.asarray(estimate[:2]) + turned(estimate[2]) @ np.array([3.0, 0.0])
-    seen = []
-    for frame in (before, after):
-        placed = localised(frame, pose((float(point[0]), float(point[1]), estimate[2])))
-        seen.append(turned(-local[2]) @ (numbers(placed)[:2] - np.asarray(local[:2])))
-    expected = turned(-correction[2]) @ (np.array([3.0, 0.0]) - np.asarray(correction[:2]))
-    np.testing.assert_allclose(seen[0], [3.0, 0.0], atol=1e-3)
-    np.testing.assert_allclose(seen[1], expected, atol=1e-3)
+    ahead = np.array([[3.0], [0.0]])
+    point = np.append(estimate[:2] + turned(estimate[2], ahead), estimate[2:], axis=0)
+    seen = [turned(-local[2], numbers(to_local(frame, pose(point)))[:2] - local[:2]) for frame in (before, after)]
+    np.testing.assert_allclose(seen[0], np.broadcast_to(ahead, (2, COUNT)), atol=1e-3)
+    np.testing.assert_allclose(seen[1], turned(-NEAR[2], ahead - NEAR[:2]), atol=1e-3)
 
 
-@settings(max_examples=60, deadline=None)
-@given(triples, triples, near)
-def test_a_slewed_path_keeps_its_limits_at_the_vehicle(frame: Triple, local: Triple, correction: Triple) -> None:
-    offset, vehicle = FrameOffset(*pose(frame)), pose(local)
-    wanted = anchored(globalised(offset, vehicle), pose(tuple(np.asarray(local) + np.asarray(correction))))
-    here = globalised(offset, vehicle)
-    moved, left = slewed(offset, wanted, vehicle, LIMITS, jnp.float32(STEP_S))
-    distance, turn = apart(localised(moved, here), vehicle)
+def test_a_slewed_path_keeps_its_limits_at_the_vehicle() -> None:
+    offset, vehicle = FrameOffset(*pose(FRAMES)), pose(OTHERS)
+    here = to_global(offset, vehicle)
+    wanted = anchor_frame(here, pose(OTHERS + NEAR))
+    moved, left = slew_frame(offset, wanted, vehicle, LIMITS, jnp.float32(STEP_S))
+    distance, turn = apart(to_local(moved, here), vehicle)
     assert distance <= 0.3 * STEP_S + 1e-3
     assert turn <= 0.05 * STEP_S + 2e-6
-    assert float(left) >= max(0.0, np.hypot(*correction[:2]) - 0.3 * STEP_S - 2e-3)
+    assert np.all(np.asarray(left) >= np.hypot(*NEAR[:2]) - 0.3 * STEP_S - 2e-3)
 
 
-@pytest.mark.parametrize("correction", [(0.8, -0.6, 0.0), (0.0, 0.0, 0.3), (-2.0, 1.0, -0.2), (1e-3, 0.0, 1e-4)])
-def test_a_slewed_frame_arrives_while_the_vehicle_drives(correction: Triple) -> None:
+def test_a_slewed_frame_arrives_while_the_vehicle_drives() -> None:
     """It takes what the limits ask for and a little more, and then is the wanted offset itself."""
-    offset, at = FrameOffset(*pose((30.0, -20.0, 0.5))), pose((100.0, 50.0, 1.0))
-    target = numbers(at) + np.asarray(correction)
-    wanted = anchored(globalised(offset, at), pose((float(target[0]), float(target[1]), float(target[2]))))
-    speed, rate, ahead = jnp.float32(2.0), jnp.float32(0.1), jnp.float32(1.5)
+    corrections = np.array([(0.8, -0.6, 0.0), (0.0, 0.0, 0.3), (-2.0, 1.0, -0.2), (1e-3, 0.0, 1e-4)]).T
+    lanes = corrections.shape[1]
+    offset = FrameOffset(*pose(np.repeat([[30.0], [-20.0], [0.5]], lanes, axis=1)))
+    at = pose(np.repeat([[100.0], [50.0], [1.0]], lanes, axis=1))
+    wanted = anchor_frame(to_global(offset, at), pose(numbers(at) + corrections))
+    speed, rate, ahead = (jnp.full(lanes, value, jnp.float32) for value in (2.0, 0.1, 1.5))
 
     def tick(carry: Any, _: Any) -> tuple[Any, Any]:
         frame, vehicle = carry
@@ -117,27 +94,27 @@ def test_a_slewed_frame_arrives_while_the_vehicle_drives(correction: Triple) -> 
 
     _, (frames, left, moved) = jax.jit(lambda: jax.lax.scan(tick, (offset, at), length=420))()
     assert float(moved.max()) <= 0.3 * STEP_S + 1e-4
-    way_s, turn_s = np.hypot(*correction[:2]) / 0.3, abs(correction[2]) / 0.05
-    arrived = int(np.argmax(np.asarray(frames.x_m == wanted.x_m) & np.asarray(frames.yaw_rad == wanted.yaw_rad)))
-    assert float(left[-1]) == 0.0
+    np.testing.assert_array_equal(left[-1], 0.0)
     np.testing.assert_array_equal(numbers(jax.tree.map(lambda leaf: leaf[-1], frames)), numbers(wanted))
+    arrived = np.argmax((numbers(frames)[[0, 2]] == numbers(wanted)[[0, 2], None]).all(axis=0), axis=0)
+    way_s, turn_s = np.hypot(*corrections[:2]) / 0.3, np.abs(corrections[2]) / 0.05
     # A path that still has to turn leaves the vehicle, or comes to it, by the angle times its way.
-    chased_s = 2.0 * correction[2] ** 2 / (2.0 * 0.05) / 0.3
-    assert max(way_s - chased_s, turn_s) - STEP_S <= (arrived + 1) * STEP_S + 1e-3
-    assert (arrived + 1) * STEP_S <= max(way_s, turn_s) + chased_s + 2.0 * STEP_S
+    chased_s = 2.0 * corrections[2] ** 2 / (2.0 * 0.05) / 0.3
+    assert np.all(np.maximum(way_s - chased_s, turn_s) - STEP_S <= (arrived + 1) * STEP_S + 1e-3)
+    assert np.all((arrived + 1) * STEP_S <= np.maximum(way_s, turn_s) + chased_s + 2.0 * STEP_S)
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.floats(-10.0, 10.0, width=32), st.floats(-0.875, 0.875, width=32), st.floats(0.125, 3.0, width=32), angles)
-def test_dead_reckoning_is_the_arc_of_the_wheels(speed: float, curvature: float, ahead: float, yaw: float) -> None:
+def test_dead_reckoning_is_the_arc_of_the_wheels() -> None:
     """Against the rollout at constant wheel angles; and back again."""
-    start, rate = pose((3.0, -2.0, yaw)), jnp.float32(speed * curvature)
+    rng = np.random.default_rng(2)
+    speed, curvature, ahead = rng.uniform([-10.0, -0.875, 0.125], [10.0, 0.875, 3.0], (COUNT, 3)).T
+    curvature[:2] = 0.0, 1e-7
+    start = pose(np.stack([np.full(COUNT, 3.0), np.full(COUNT, -2.0), rng.uniform(-3.0, 3.0, COUNT)]))
+    told, bend, slip = (jnp.asarray(each, jnp.float32) for each in (speed, curvature, ahead))
     # The rear axle's side step a metre is minus x_c κ, which is what the wheels' tangent says there.
-    turn = Turn(jnp.float32(curvature), jnp.float32(ahead * curvature))
-    expected = drive_arc(start, jnp.float32(speed * 0.5), turn)
-    reached = step_local(start, jnp.float32(speed), rate, jnp.float32(ahead), jnp.float32(0.5))
+    expected = drive_arc(start, 0.5 * told, Turn(bend, slip * bend))
+    reached = step_local(start, told, told * bend, slip, jnp.float32(0.5))
     distance, off = apart(reached, expected)
     assert distance < 3e-5
     assert off < 2e-6
-    home = step_local(reached, jnp.float32(speed), rate, jnp.float32(ahead), jnp.float32(-0.5))
-    assert apart(home, start)[0] < 3e-5
+    assert apart(step_local(reached, told, told * bend, slip, jnp.float32(-0.5)), start)[0] < 3e-5

@@ -21,7 +21,7 @@ from rollout_lanes import ANCHOR_M
 
 SETTINGS = planner_settings(5.0)
 SLOW = RouteSpeeds(cruise_mps=5.0)
-LANES = 500
+LANES = 100
 find_all = jax.jit(jax.vmap(find_starts, in_axes=(None, None, None, 0)))
 acquire_all = jax.jit(jax.vmap(acquire))
 find_one = jax.jit(find_starts)
@@ -121,26 +121,21 @@ def test_two_legs_at_a_cusp_are_two_places() -> None:
     assert find_one(route, SETTINGS, CHASSIS, pose_at(5.0, 0.5, 0.0)).code == PlanCode.FOLLOWING
 
 
-@pytest.mark.parametrize(
-    ("x_m", "y_m", "yaw_rad", "expected"),
-    [
-        (10.0, 0.5, 0.1, PlanCode.FOLLOWING),
+def test_a_start_is_refused_for_a_reason() -> None:
+    route = make_route_path([path_from_curvature(np.zeros(100))], [1], CHASSIS, SLOW)
+    for x_m, y_m, yaw_rad, expected in (
         (10.0, 9.9, 0.1, PlanCode.FOLLOWING),
         (10.0, 10.1, 0.1, PlanCode.OFF_ROUTE),
         (-9.9, 0.0, 0.0, PlanCode.FOLLOWING),
         (-10.1, 0.0, 0.0, PlanCode.OFF_ROUTE),
-        (500.0, 500.0, 0.0, PlanCode.OFF_ROUTE),
         (10.0, 0.5, np.pi / 4 + 0.02, PlanCode.WRONG_HEADING),
         (10.0, 0.5, -np.pi / 2, PlanCode.WRONG_HEADING),
         (10.0, 0.5, np.pi - 0.1, PlanCode.FOLLOWING),
         (np.nan, 0.5, 0.0, PlanCode.NON_FINITE),
         (10.0, 0.5, np.nan, PlanCode.NON_FINITE),
-    ],
-)
-def test_a_start_is_refused_for_a_reason(x_m: float, y_m: float, yaw_rad: float, expected: PlanCode) -> None:
-    route = make_route_path([path_from_curvature(np.zeros(100))], [1], CHASSIS, SLOW)
-    starts = find_one(route, SETTINGS, CHASSIS, pose_at(x_m, y_m, yaw_rad))
-    state, code = acquire(starts)
-    assert code == state.code == expected
-    assert bool(starts.valid[0]) == (expected == PlanCode.FOLLOWING)
-    assert all(np.all(np.isfinite(np.asarray(each, np.float64))) for each in jax.tree.leaves(state))
+    ):
+        starts = find_one(route, SETTINGS, CHASSIS, pose_at(x_m, y_m, yaw_rad))
+        state, code = acquire(starts)
+        assert code == state.code == expected, (x_m, y_m, yaw_rad)
+        assert bool(starts.valid[0]) == (expected == PlanCode.FOLLOWING)
+        assert all(np.all(np.isfinite(np.asarray(each, np.float64))) for each in jax.tree.leaves(state))

@@ -1,12 +1,8 @@
 """Labels made consistent: against dense oracles on small graphs, and over two kilometres with loops and wrong fixes."""
 
-import time
-import tracemalloc
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from scipy.stats import chi2
 
 from lgprjax.navigation.pose_graph import (
     FixEdges,
@@ -15,12 +11,11 @@ from lgprjax.navigation.pose_graph import (
     LabelChain,
     LabelModel,
     lay_nodes,
-    misfit,
     solve_graph,
 )
 from looped_drives import LoopedDrives, composed, fixes_between, looped_drives, relative_to, slow_error, with_wrong
 
-_MODEL = LabelModel()
+MODEL = LabelModel()
 _SMOOTH = LabelModel(walk_m=0.0, walk_yaw_rad=0.0, node_m=1.0)
 
 
@@ -42,7 +37,7 @@ def small(seed: int, chains: int = 2, length_m: float = 30.0) -> tuple[tuple[Lab
 
 def test_the_derivatives_are_those_of_the_residuals() -> None:
     chains, edges = small(1)
-    graph = Graph(lay_nodes(chains, _MODEL), edges, _MODEL)
+    graph = Graph(lay_nodes(chains, MODEL), edges, MODEL)
     state = np.random.default_rng(2).normal(size=graph.prior.shape[1]) * 0.3
     jacobian = graph.jacobian(state).toarray()
     step = 1e-6
@@ -96,8 +91,8 @@ def test_labels_moved_as_one_are_corrected_as_one() -> None:
         covariance=rotation @ edges.covariance @ rotation.T,
     )
     chain, at_m = np.array([0, 0, 1, 1]), np.array([0.0, 17.0, 4.0, 30.0])
-    before = solve_graph(chains, edges, _MODEL).correction(chain, at_m)
-    after = solve_graph(chains, moved, _MODEL).correction(chain, at_m)
+    before = solve_graph(chains, edges, MODEL).correction(chain, at_m)
+    after = solve_graph(chains, moved, MODEL).correction(chain, at_m)
     assert np.abs(before[:, :2]).max() > 0.05
     np.testing.assert_allclose(after, before @ rotation.T, atol=1e-9)
 
@@ -105,46 +100,12 @@ def test_labels_moved_as_one_are_corrected_as_one() -> None:
 def test_what_is_tied_to_nothing_stays() -> None:
     chains, edges = small(5)
     alone = (*chains, LabelChain(0.0, 50.0, 0.5))
-    solution = solve_graph(alone, edges, _MODEL)
+    solution = solve_graph(alone, edges, MODEL)
     at_m = np.linspace(0.0, 50.0, 7)
     assert np.all(solution.correction(np.full(7, 2), at_m) == 0.0)
     assert np.abs(solution.correction(np.zeros(7, int), at_m)).max() > 0.05
-    nothing = solve_graph(alone, FixEdges(*(field[:0] for field in edges)), _MODEL)
+    nothing = solve_graph(alone, FixEdges(*(field[:0] for field in edges)), MODEL)
     assert np.all(nothing.state == 0.0)
-
-
-def test_errors_are_as_large_as_the_covariances_say() -> None:
-    """Label errors drawn from the process itself, by its dense covariance: the mean NEES within its 99.9 % interval."""
-    at = np.arange(0.0, 121.0)
-    d = np.sqrt(3.0) * np.abs(at[:, None] - at[None]) / _MODEL.length_m
-    smooth = np.linalg.cholesky((1.0 + d) * np.exp(-d) + 1e-10 * np.eye(len(at)))
-    yaw = 0.2 + at / 80.0
-    pose = np.stack([80.0 * np.sin(yaw), -80.0 * np.cos(yaw), yaw], axis=1)
-    chains = (LabelChain(0.0, 120.0, 0.5), LabelChain(0.0, 120.0, 0.5))
-    ends = np.array([(1, p, 0, p) for p in range(0, 121, 2)])
-    chain, asked = np.array([0, 0, 1, 1]), np.array([16.0, 80.0, 40.0, 110.0])
-    nees = []
-    for seed in range(25):
-        rng = np.random.default_rng([seed, 9])
-        truth, label, wrong = [], [], []
-        for _ in chains:
-            walk = np.cumsum(rng.normal(size=(len(at), 3)), axis=0) * [
-                _MODEL.walk_m,
-                _MODEL.walk_m,
-                _MODEL.walk_yaw_rad,
-            ]
-            walk -= walk[0]
-            drawn = smooth @ rng.normal(size=(len(at), 3)) * [0.5, 0.5, _MODEL.sigma_yaw_rad]
-            wrong.append(drawn + walk)
-            truth.append(pose)
-            label.append(pose + wrong[-1])
-        solution = solve_graph(chains, fixes_between(rng, truth, label, ends, 0.02), _MODEL)
-        left = np.array([wrong[c][round(a)] for c, a in zip(chain, asked, strict=True)])
-        left = (left + solution.correction(chain, asked)).reshape(-1)
-        nees.append(float(left @ np.linalg.solve(solution.covariance(chain, asked), left)))
-    low, high = chi2.interval(0.999, 12 * len(nees))
-    print(f"NEES {np.mean(nees):.2f} of 12 ({low / len(nees):.2f} to {high / len(nees):.2f})")
-    assert low / len(nees) <= np.mean(nees) <= high / len(nees)
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +115,7 @@ def drives() -> LoopedDrives:
 
 @pytest.fixture(scope="module")
 def solved(drives: LoopedDrives) -> GraphSolution:
-    return solve_graph(drives.chains, drives.edges, _MODEL)
+    return solve_graph(drives.chains, drives.edges, MODEL)
 
 
 def left_m(drives: LoopedDrives, solution: GraphSolution) -> list[np.ndarray]:
@@ -175,60 +136,28 @@ def mutual_rms_m(drives: LoopedDrives, left: list[np.ndarray]) -> float:
 def test_two_kilometres_with_loops_agree_to_five_centimetres(drives: LoopedDrives, solved: GraphSolution) -> None:
     before = mutual_rms_m(drives, [(b - t)[:, :2] for b, t in zip(drives.label, drives.truth, strict=True)])
     left = left_m(drives, solved)
-    after = mutual_rms_m(drives, left)
-    absolute = float(np.sqrt(np.mean(np.sum(np.concatenate(left) ** 2, axis=1))))
-    print(f"mutual {before:.3f} m -> {after:.4f} m; absolute {absolute:.3f} m; {solved.kept.mean():.4f} kept")
     assert before > 0.8
-    assert after <= 0.05
+    assert mutual_rms_m(drives, left) <= 0.05
     # Three labels of 0.5 m in each axis have a mean that is off by half a metre: no more is in the data.
-    assert absolute < 0.6
+    assert float(np.sqrt(np.mean(np.sum(np.concatenate(left) ** 2, axis=1)))) < 0.6
     assert solved.kept.mean() > 0.99
     assert solved.noise_scale < 1.1
 
 
-@pytest.mark.parametrize(("run", "shift_m"), [(1, (0.3, 3.0)), (20, (0.3, 1.0)), (8, (0.1, 0.3))], ids=str)
-def test_wrong_fixes_do_not_bend_it(
+def check_wrong(
     drives: LoopedDrives, solved: GraphSolution, run: int, shift_m: tuple[float, float]
-) -> None:
-    """A tenth of the fixes wrong: single ones, and runs of neighbours that are wrong alike."""
+) -> tuple[float, ...]:
+    """With a tenth of the fixes wrong in runs: change of the labels RMS and at most, share of the wrong ones kept."""
     edges, wrong = with_wrong(np.random.default_rng(run), drives.edges, 0.1, run, shift_m)
-    bent = solve_graph(drives.chains, edges, _MODEL)
+    bent = solve_graph(drives.chains, edges, MODEL)
     change = np.concatenate([b - a for a, b in zip(left_m(drives, solved), left_m(drives, bent), strict=True)])
     size = np.hypot(*change.T)
     rms = float(np.sqrt(np.mean(size**2)))
-    print(
-        f"runs of {run}, {shift_m} m: changed by {rms:.4f} m RMS, {size.max():.4f} m at most; mutual "
-        f"{mutual_rms_m(drives, left_m(drives, bent)):.4f} m; {bent.kept[wrong].mean():.3f} of the wrong kept"
-    )
     assert rms < 0.01
     assert bent.kept[wrong].mean() < 0.05
     assert bent.kept[~wrong].mean() > 0.97
+    return rms, float(size.max()), float(bent.kept[wrong].mean())
 
 
-@pytest.mark.campaign
-def test_time_and_memory_of_many_drives() -> None:
-    for count in (3, 10):
-        drives = looped_drives(2, drives=count)
-        tracemalloc.start()
-        began = time.perf_counter()
-        solution = solve_graph(drives.chains, drives.edges, _MODEL)
-        took = time.perf_counter() - began
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        mutual = mutual_rms_m(drives, left_m(drives, solution))
-        print(
-            f"{count} drives, {len(solution.state)} unknowns, {len(drives.edges.found)} fixes: {took:.1f} s, "
-            f"{peak / 1e6:.0f} MB of NumPy's, mutual {mutual:.4f} m"
-        )
-        assert mutual <= 0.05
-
-
-def test_misfit_of_labels_without_error_is_zero() -> None:
-    chains, edges = small(6)
-    none = np.zeros((len(edges.found), 3))
-    exact = edges._replace(found=edges.label[:, 0])
-    np.testing.assert_allclose(misfit(exact, none, none), 0.0, atol=1e-12)
-    # A place and its ground that are moved alike still agree.
-    alike = np.tile([0.3, -0.2, 0.0], (len(edges.found), 1))
-    np.testing.assert_allclose(misfit(exact, alike, alike), 0.0, atol=1e-12)
-    assert len(chains) == 2
+def test_wrong_fixes_do_not_bend_it(drives: LoopedDrives, solved: GraphSolution) -> None:
+    check_wrong(drives, solved, 20, (0.3, 1.0))

@@ -73,30 +73,37 @@ def test_smoothed_track_is_better_in_the_gap(driven: _Driven) -> None:
     np.testing.assert_allclose(driven.smoothed.mean[:, -1], driven.filtered.mean[:, -1])
 
 
-@pytest.mark.parametrize("states", [(0, 1, 2), tuple(range(13))], ids=["pose", "all"])
-def test_smoothed_covariance_is_honest(driven: _Driven, states: tuple[int, ...]) -> None:
-    index = np.asarray(states)
-    # Ticks far apart: neighbours share their errors.
+@pytest.mark.parametrize("name", ["filtered", "smoothed"])
+def test_errors_are_as_large_as_the_covariance_says(driven: _Driven, name: str) -> None:
+    # Ticks far apart: neighbours share their errors. The last smoothed one is the filter's own.
     at = np.arange(60, _TICKS, 120)
-    away = (np.asarray(driven.smoothed.mean, np.float64) - driven.states)[:, at][..., index]
-    covariance = np.asarray(driven.smoothed.covariance, np.float64)[:, at][..., index[:, None], index]
-    nees = np.einsum("lti,lti->lt", away, np.linalg.solve(covariance, away[..., None])[..., 0])
-    # The mean over a lane is one draw: its spread is measured, not assumed.
-    lane = nees.mean(axis=1)
-    half = stats.t.ppf(0.995, _LANES - 1) * lane.std(ddof=1) / np.sqrt(_LANES)
-    assert abs(lane.mean() - index.size) < half
-    assert half < 0.45 * index.size
-
-
-def test_covariances_are_symmetric_and_positive(driven: _Driven) -> None:
-    # The last is the filter's own.
-    covariance = np.asarray(driven.smoothed.covariance, np.float64)[:, :-1]
-    sigma = np.sqrt(np.einsum("...ii->...i", covariance))
-    scaled = covariance / (sigma[..., :, None] * sigma[..., None, :])
+    estimate: NavEstimate = getattr(driven, name)
+    away = (np.asarray(estimate.mean, np.float64) - driven.states)[:, at]
+    covariance = np.asarray(estimate.covariance, np.float64)
+    for size in (3, 13):
+        some = covariance[:, at, :size, :size]
+        nees = np.einsum("lti,lti->lt", away[..., :size], np.linalg.solve(some, away[..., :size, None])[..., 0])
+        # The mean over a lane is one draw: its spread is measured, not assumed.
+        lane = nees.mean(axis=1)
+        half = stats.t.ppf(0.995, _LANES - 1) * lane.std(ddof=1) / np.sqrt(_LANES)
+        assert abs(lane.mean() - size) < half
+        assert half < 0.45 * size
+    sigma = np.sqrt(np.einsum("...ii->...i", covariance[:, :-1]))
+    scaled = covariance[:, :-1] / (sigma[..., :, None] * sigma[..., None, :])
     np.testing.assert_allclose(scaled, scaled.swapaxes(-1, -2), atol=1e-6)
     assert np.linalg.eigvalsh(scaled).min() > 0.0
     before = np.sqrt(np.einsum("...ii->...i", np.asarray(driven.filtered.covariance, np.float64)[:, :-1]))
     assert np.max(sigma / before) < 1.01
+
+
+def test_innovations_are_as_large_as_expected_and_hardly_one_is_rejected(driven: _Driven) -> None:
+    """NIS a component of GNSS, heading, odometer and LGPR; rejects as rare as the gates say."""
+    offered, accepted, nis = (np.asarray(part) for part in (driven.info.offered, driven.info.accepted, driven.info.nis))
+    assert np.all(nis[~offered] == 0.0)
+    mean = nis.sum(axis=(0, 1), dtype=np.float64) / offered.sum(axis=(0, 1)) / (2, 1, 1, 3)
+    assert np.all(np.abs(mean - 1.0) < 0.1), mean
+    assert (offered & ~accepted).sum() < 1e-3 * offered.sum()
+    assert not np.asarray(driven.info.reacquired).any()
 
 
 def test_nothing_is_carried_back_across_a_restart(driven: _Driven) -> None:

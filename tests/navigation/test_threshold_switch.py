@@ -117,32 +117,13 @@ def test_carried_pose_is_dead_reckoned_on_the_arc() -> None:
     assert float(state.since_good_s) == pytest.approx(age_s + 5 * _TICK_S, abs=1e-6)
 
 
-def test_fix_that_is_no_number_while_invalid_leaves_no_trace() -> None:
-    other = _pose(1.0, 1.0, 0.0)
+def test_a_fix_that_is_no_number_leaves_no_trace() -> None:
+    """Neither in an empty slot nor called valid."""
+    other, motion = _pose(1.0, 1.0, 0.0), MotionInput(jnp.float32(0.1), jnp.float32(_TICK_S))
     nothing: LgprObservation = jax.tree.map(
         lambda leaf: leaf if leaf.dtype == bool else leaf * jnp.nan, no_observations().lgpr
     )
-    motion = MotionInput(jnp.float32(0.1), jnp.float32(_TICK_S))
-    state = _step(_SETTINGS, init_switch(other), motion, jnp.float32(1.0), other, nothing, jnp.float32(jnp.nan))
-    assert not bool(state.on_lgpr)
-    assert all(np.isfinite(float(v)) for v in (*state.pose, *state.carried))
-
-
-def test_a_fix_that_is_no_number_is_none_though_it_is_called_valid() -> None:
-    other, motion = _pose(1.0, 1.0, 0.0), MotionInput(jnp.float32(0.1), jnp.float32(_TICK_S))
-    broken = _fix((math.nan, 4.0, 0.3))
-    state = _step(_SETTINGS, init_switch(other), motion, jnp.float32(1.0), other, broken, jnp.float32(1e-9))
-    assert not bool(state.on_lgpr)
-    assert all(np.isfinite(float(v)) for v in (*state.pose, *state.carried))
-
-
-def test_lanes_are_what_they_are_alone() -> None:
-    chances = np.array([1e-9, 1e-5, 1.0], np.float32)
-    fix, other = _fix((3.0, 4.0, 0.3)), _pose(0.0, 0.0, 0.0)
-    motion = MotionInput(jnp.float32(0.0), jnp.float32(_TICK_S))
-    speed, start = jnp.float32(1.0), init_switch(other)
-    many = jax.vmap(lambda p: step_switch(_SETTINGS, start, motion, speed, other, fix, p))(jnp.asarray(chances))
-    for lane, chance in enumerate(chances):
-        alone = _step(_SETTINGS, start, motion, speed, other, fix, jnp.float32(chance))
-        for one, of_many in zip(jax.tree.leaves(alone), jax.tree.leaves(many), strict=True):
-            np.testing.assert_allclose(np.asarray(of_many)[lane], np.asarray(one), atol=1e-6)
+    for fix, chance in ((nothing, math.nan), (_fix((math.nan, 4.0, 0.3)), 1e-9)):
+        state = _step(_SETTINGS, init_switch(other), motion, jnp.float32(1.0), other, fix, jnp.float32(chance))
+        assert not bool(state.on_lgpr)
+        assert all(np.isfinite(float(v)) for v in (*state.pose, *state.carried))
