@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from formats.run_log_sample import RUN, head_bytes, own_bytes, record_bytes
+from lgprjax.frames import LocalFrame
+from lgprjax.worked.plans import PlanFile, PlanOptions, make_cover_plan, open_cover_plan, save_cover_plan
 
 VEHICLE = """
 schema = "lgprjax.vehicle"
@@ -66,6 +68,27 @@ class Drive(NamedTuple):
     sigma_m: float = 0.01
     tool: int = 15
     stop_s: float = 0.0
+
+
+def write_field(
+    folder: Path, corners_m: Float[np.ndarray, "_ 2"] = FIELD_M, height_m: float = 0.0
+) -> tuple[Path, Path]:
+    """Files of a field and of the vehicle."""
+    frame = LocalFrame(40.0, -100.0, height_m)
+    latitude, longitude, _ = frame.to_geodetic(corners_m[:, 0], corners_m[:, 1], np.zeros(len(corners_m)))
+    ring = [[float(x), float(y), height_m] for x, y in zip(longitude, latitude, strict=True)]
+    polygon = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+    (folder / "f.geojson").write_text(json.dumps(polygon), encoding="utf-8")
+    (folder / "v.vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    return folder / "f.geojson", folder / "v.vehicle.toml"
+
+
+def drawn_plan(folder: Path) -> PlanFile:
+    """The plan of the field's five lines."""
+    made = make_cover_plan(*write_field(folder), PlanOptions(0.0, "boustrophedon"))
+    assert made is not None
+    save_cover_plan(folder / "f.cover.geojson", made)
+    return open_cover_plan(folder / "f.cover.geojson")
 
 
 def cover_rows(drive: Drive) -> tuple[np.ndarray, Float[np.ndarray, " row"]]:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from drawn_record import CELL_M, LEVELS, made_record
-from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import GeoLayer, WorkedRecord, write_geojson, write_geopackage, write_kml, write_turning_points
 from lgprjax.worked.layers import at_levels, cells_union, checked_levels, cover_figures, cover_layers, layer_name
+from refusals import refused
 
 shapely = pytest.importorskip("shapely")
 pyogrio = pytest.importorskip("pyogrio")
@@ -35,34 +35,25 @@ def by_name(record: WorkedRecord) -> dict[str, GeoLayer]:
     return {layer.name: layer for layer in cover_layers(record, "us")}
 
 
-def test_layers_have_the_names_of_their_levels() -> None:
-    assert [layer.name for layer in cover_layers(made_record(), "us")] == _NAMES
-    assert [layer_name(level) for level in (0.9, 0.95, 0.996)] == ["processed_p90", "processed_p95", "processed_p996"]
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_the_union_of_cells_is_the_cells(seed: int) -> None:
-    record = made_record()
-    chosen = np.random.default_rng(seed).random(record.cells.state.shape[1:]) < (0.1, 0.3, 0.5, 0.6, 0.8, 0.97)[seed]
-    union = cells_union(record, chosen)
-    assert union.is_valid
-    assert union.area == pytest.approx(np.count_nonzero(chosen) * CELL_M**2, rel=1e-12)
-    rows, columns = np.indices(chosen.shape)
-    east = record.cells.east_m + CELL_M * (columns + 0.5)
-    north = record.cells.north_m + CELL_M * (rows + 0.5)
-    np.testing.assert_array_equal(shapely.contains_xy(union, east, north), chosen)
-
-
-def test_no_cells_are_no_ground() -> None:
+def test_the_union_of_cells_is_the_cells() -> None:
     record = made_record()
     assert cells_union(record, np.zeros(record.cells.state.shape[1:], bool)).is_empty
+    rows, columns = np.indices(record.cells.state.shape[1:])
+    east = record.cells.east_m + CELL_M * (columns + 0.5)
+    north = record.cells.north_m + CELL_M * (rows + 0.5)
+    for share in (0.1, 0.5, 0.97):
+        chosen = np.random.default_rng(0).random(rows.shape) < share
+        union = cells_union(record, chosen)
+        assert union.is_valid
+        assert union.area == pytest.approx(np.count_nonzero(chosen) * CELL_M**2, rel=1e-12)
+        np.testing.assert_array_equal(shapely.contains_xy(union, east, north), chosen)
 
 
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.4, 2.5])
-@pytest.mark.parametrize("seed", [0, 1])
-def test_processed_ground_is_within_the_perimeter_and_within_its_cells(yaw_rad: float, seed: int) -> None:
-    record = made_record(yaw_rad=yaw_rad, seed=seed)
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.4])
+def test_processed_ground_is_within_the_perimeter_and_within_its_cells(yaw_rad: float) -> None:
+    record = made_record(yaw_rad=yaw_rad)
     layers = by_name(record)
+    assert list(layers) == _NAMES
     field = shapely.Polygon(record.perimeter_m)
     for number, level in enumerate(LEVELS):
         layer = layers[layer_name(level)]
@@ -85,13 +76,9 @@ def test_processed_ground_is_within_the_perimeter_and_within_its_cells(yaw_rad: 
     lowest = shapely.union_all(local(record, layers["processed_p95"]))
     assert gaps.area + lowest.area == pytest.approx(field.area, abs=1e-5)
     assert shapely.intersection(gaps, lowest).area < 1e-6
-    words = {row["state"] for row in layers["gaps"].properties}
-    assert words == {"uncertain", "not processed"}
-
-
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.4])
-def test_shapes_are_valid_and_wind_as_they_must(yaw_rad: float) -> None:
-    for layer in cover_layers(made_record(yaw_rad=yaw_rad), "us"):
+    assert len({row["state"] for row in layers["gaps"].properties}) == 2
+    # Shapes are valid and wind as they must.
+    for layer in layers.values():
         assert all(shape.is_valid for shape in layer.shapes), layer.name
         assert {shape.geom_type for shape in layer.shapes} <= {layer.kind}
         for shape in layer.shapes:
@@ -106,10 +93,8 @@ def test_every_shape_says_whose_it_is_and_claims_nothing() -> None:
             assert row["organisation"] == "Made-up Mine Action"
             assert row["date_start"] == "2026-03-01T10:00:00.000+00:00"
             assert row["date_end"] == "2026-03-01T10:00:03.900+00:00"
-            assert row["status"] == "processed by machine; not searched, not released"
             assert "cleared" not in str(row)
     layers = by_name(made_record())
-    assert layers["stops"].properties[0]["reasons"] == "tool off or at a wrong depth"
     assert layers["events"].properties[1]["text"] == "event ruhe, Ä <b>"
 
 
@@ -129,7 +114,7 @@ def test_the_geopackage_opens_with_all_layers(tmp_path: Path, empty: bool) -> No
         assert all(one.equals(other) for one, other in zip(read, layer.shapes, strict=True))
         for name, values in zip(told["fields"], fields, strict=True):
             assert [str(each) for each in values] == [str(row[name]) for row in layer.properties]
-    with pytest.raises(InputError, match="one that exists"):
+    with refused("output", "--force", file="r.gpkg"):
         write_geopackage(path, layers, {})
 
 
@@ -231,24 +216,11 @@ def test_a_record_is_judged_at_any_level() -> None:
     # The same cells, asked for more: less is processed, and more is uncertain.
     asked, usual = cover_figures(other).layers, cover_figures(record).layers
     assert usual[0].processed_m2 > asked[0].processed_m2 > usual[1].processed_m2 >= asked[1].processed_m2
-    assert "with probability 99.9 % or more" in asked[1].sentence
+    assert "99.9 %" in asked[1].sentence
 
 
-@pytest.mark.parametrize(
-    "confidence",
-    [
-        (),
-        (0.5,),
-        (1.0,),
-        (0.99995,),
-        (95.0,),
-        (-0.9,),
-        (float("nan"),),
-        (0.9, 0.9),
-        (0.95, 0.9500001),
-        (0.9, float("nan"), 0.95),
-    ],
-)
-def test_levels_that_nothing_can_be_said_at_are_refused(confidence: tuple[float, ...]) -> None:
-    with pytest.raises(ArgumentError, match=r"confidence: expected different levels above 0\.5, 0\.9999 at most"):
-        checked_levels(confidence)
+def test_levels_that_nothing_can_be_said_at_are_refused() -> None:
+    nan = float("nan")
+    for levels in ((), (0.5,), (1.0,), (0.99995,), (95.0,), (0.9, 0.9), (0.95, 0.9500001), (0.9, nan, 0.95)):
+        with refused("confidence", "0.5", "0.9999", file="call"):
+            checked_levels(levels)

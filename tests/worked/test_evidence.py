@@ -17,6 +17,7 @@ from lgprjax.worked.evidence import (
     read_evidence,
     shared_error,
 )
+from refusals import refusal_in
 
 FRAME = LocalFrame(40.0, -100.0, 0.0)
 
@@ -50,8 +51,7 @@ def test_who_does_not_measure_both_times_is_no_surer_than_who_does_not_measure()
     assert shared_error([]).sigma_m == UNCHECKED_SIGMA_M
     half = shared_error([point("before", 0.0, 0.0)])
     assert half.sigma_m == UNCHECKED_SIGMA_M
-    assert "none measured after the session" in half.sentence
-    assert "assumed" in shared_error([]).sentence
+    assert half.sentence != shared_error([]).sentence
     # Points of another session tell nothing of this one.
     points = [point("before", 0.2, 0.0, run="one"), point("after", 0.2, 0.0, run="one")]
     assert shared_error(points, "two").sigma_m == UNCHECKED_SIGMA_M
@@ -86,9 +86,10 @@ measured_longitude_deg = -100.0
     for old, new, expected in (
         ("M1", "", "name"),
         ("2026-03-01T12:30:00+02:00", "noon", "time_utc"),
-        ("40.0000001", "40.001", r"control_point\[1\]: expected within 5 m of the mark"),
+        ("40.0000001", "40.001", "control_point[1]"),
         ("task =", "tusk =", "tusk"),
     ):
         path.write_text(text.replace(old, new))
-        with pytest.raises(InputError, match=expected):
+        with pytest.raises(InputError) as caught:
             read_evidence(path)
+        assert expected in refusal_in(caught.value).place
