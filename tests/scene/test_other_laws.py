@@ -46,8 +46,7 @@ _draw = jax.jit(jax.vmap(lambda key: draw_other_laws(key)))
 
 def level(**changed: jax.Array) -> OtherLaws:
     """Laws of level ground without stones, and what is changed of them."""
-    laws = _draw(jax.random.split(jax.random.key(0), 400))
-    laws = jax.tree.map(lambda leaf: leaf[0], laws)
+    laws: OtherLaws = jax.tree.map(lambda leaf: leaf[0], _draw(jax.random.split(jax.random.key(0), 400)))
     flat = laws._replace(slope=jnp.zeros_like(laws.slope), stone_yaw_rad=ZERO, stone_m=ZERO, slip_load=ZERO)
     return flat._replace(**changed)
 

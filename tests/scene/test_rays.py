@@ -20,7 +20,8 @@ _refract, _passage = jax.jit(refract), jax.jit(passage)
 
 def rays(index: float, cases: Float[np.ndarray, "case 3"] = CASES) -> Ray:
     aside, height, depth = (jnp.asarray(c) for c in cases.T)
-    return _refract(aside, height, depth, jnp.asarray(index))
+    traced: Ray = _refract(aside, height, depth, jnp.asarray(index))
+    return traced
 
 
 @pytest.mark.parametrize("index", [1.5, 5.0])

@@ -1,6 +1,7 @@
 """Odometer and GNSS/INS against the truth: size and memory of the errors, jumps, outages, slip, streams."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,24 +199,26 @@ def test_each_effect_draws_from_its_own_stream() -> None:
     )
     steady = replace(errors, jumps_per_hour=0.0, outages_per_hour=0.0)
     odometer, track = observe_drive(LONG, steady, 2)
-    for change in (
-        {"jumps_per_hour": 600.0},
-        {"outages_per_hour": 300.0},
-        {"jump_start_s": (20.0,)},
-        {"outages_s": ((20.0, 21.0),)},
-    ):
-        same, changed = observe_drive(LONG, replace(steady, **change), 2)  # type: ignore[arg-type]
+    receiver: dict[str, Any] = {
+        "jumps_per_hour": 600.0,
+        "outages_per_hour": 300.0,
+        "jump_start_s": (20.0,),
+        "outages_s": ((20.0, 21.0),),
+    }
+    for name, value in receiver.items():
+        same, changed = observe_drive(LONG, replace(steady, **{name: value}), 2)
         np.testing.assert_array_equal(same.distance_m, odometer.distance_m)
         np.testing.assert_array_equal(changed.pose[:, 4], track.pose[:, 4])
         assert 0.0 < np.all(changed.pose == track.pose, axis=1).mean() < 1.0
     odometer, track = observe_drive(LONG, errors, 2)
-    for change in (
-        {"odometer_drift": 0.02},
-        {"slips_per_hour": 600.0},
-        {"slips_s": ((20.0, 21.0),)},
-        {"odometer_step_m": 0.1},
-    ):
-        read, alike = observe_drive(LONG, replace(errors, **change), 2)  # type: ignore[arg-type]
+    wheels: dict[str, Any] = {
+        "odometer_drift": 0.02,
+        "slips_per_hour": 600.0,
+        "slips_s": ((20.0, 21.0),),
+        "odometer_step_m": 0.1,
+    }
+    for name, value in wheels.items():
+        read, alike = observe_drive(LONG, replace(errors, **{name: value}), 2)
         np.testing.assert_array_equal(alike.pose, track.pose)
         np.testing.assert_array_equal(_sigma(alike), _sigma(track))
         assert not np.array_equal(read.distance_m, odometer.distance_m)

@@ -99,11 +99,12 @@ def test_faults_of_the_box_show(world: CourseWorld, sound: StageHost) -> None:
 
 
 def test_where_the_wheels_go(world: CourseWorld) -> None:
-    for fault, least, most in (
+    cases: list[tuple[dict[str, Any], float, float]] = [
         ({"kind": "gnss_off"}, 0.19, 0.21),
         ({"kind": "servo_stalled"}, -0.01, 0.12),
         ({"kind": "servo_runaway", "radps": 0.4}, 0.4, 0.53),
-    ):
+    ]
+    for fault, least, most in cases:
         host = _engaged(world, fault, seconds=_FROM_S, front_rad=0.0)
         host.command = {"engage": 3, "front_rad": 0.2}
         host.run(1.5)
@@ -112,7 +113,8 @@ def test_where_the_wheels_go(world: CourseWorld) -> None:
 
 def test_stuck_rear_wheels_turn_the_vehicle_less(world: CourseWorld) -> None:
     turned = {}
-    for name, fault in (("sound", {"kind": "gnss_off"}), ("stuck", {"kind": "rear_stuck", "rad": 0.0})):
+    faults: dict[str, dict[str, Any]] = {"sound": {"kind": "gnss_off"}, "stuck": {"kind": "rear_stuck", "rad": 0.0}}
+    for name, fault in faults.items():
         host = _engaged(world, fault, seconds=2.5, throttle=0.8, front_rad=0.2)
         truth = host.truth()
         way = np.hypot(np.diff(truth["x_m"]), np.diff(truth["y_m"]))[-20:].sum()
