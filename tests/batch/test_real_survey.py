@@ -27,10 +27,10 @@ def test_four_commands_and_no_option(
 ) -> None:
     """Lines of one day become a map; a line of the next day, its antennas turned about, is located beside its rim."""
     monkeypatch.chdir(tmp_path)
-    lines = [real_data / "flagogna" / f"XLINE{number:03d}.DT1" for number in range(50, 68)]
+    lines = [real_data / "flagogna" / f"XLINE{number:03d}.DT1" for number in range(54, 68)]
     assert run("import", *lines[:-1], "-o", "day1.drive.h5") == 0
     printed = capsys.readouterr().out
-    assert len(re.findall(r"^XLINE0\d\d\.DT1 ", printed, re.MULTILINE)) == 17
+    assert len(re.findall(r"^XLINE0\d\d\.DT1 ", printed, re.MULTILINE)) == 13
     assert "topography" in printed
     assert run("import", lines[-1], "-o", "day2.drive.h5") == 0
     assert run("view", "day1.drive.h5") == 0
@@ -40,4 +40,4 @@ def test_four_commands_and_no_option(
     assert (tmp_path / "located" / "report.html").is_file()
     fixes = pd.read_csv(tmp_path / "located" / "day2.fixes.csv")
     # Its antennas are turned about: without the change of sign nothing would be found.
-    assert (fixes["code"] == "ok").mean() > 0.4
+    assert (fixes["code"] == "ok").mean() > 0.6
