@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.test_tune import run
-from lgprjax.errors import InputError
 from lgprjax.formats import Study, check_file, read_study
 from lgprjax.studies.steering import run_study
+from refusals import printed_refusal, refused
+from studies.commands import run
 
 BASE_M, SPEED_MPS = 2.6, 1.8
 _DOCS = Path(__file__).parents[2] / "docs"
@@ -91,22 +91,22 @@ def test_the_front_angle_cuts_the_turns_of_a_log_without_potentiometer(tmp_path:
     # 0.005: the plant's steps and its metres a degree are no better.
     assert found.low - 0.005 < ratio < found.high + 0.005
     # One speed tells no slip: refused before any arc is fitted.
-    with pytest.raises(InputError, match=r"the fastest at least twice the slowest.* 1.8 to 1.8 m/s"):
+    with refused(found="1.8 to 1.8 m/s"):
         run_study(study("yaw_gain", log))
 
 
 def test_rear_wheels_of_the_wrong_sign_are_said_to_be(tmp_path: Path) -> None:
     log = write_log(tmp_path, 0.4, rear_scale=-1.0)
     for method in ("wheel_angles", "rear_map"):
-        with pytest.raises(InputError, match=r"log.drive.h5: .*front and rear turn the same way \(k = -0.40"):
+        with refused(file="log.drive.h5", found="k = -0.40"):
             run_study(study("rear_ratio", log, method=method))
 
 
 def test_a_vehicle_file_and_a_study_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(InputError, match=r"expected a study.*found a vehicle file"):
+    with refused(file="made_up.vehicle.toml"):
         read_study(_TUNING / "made_up.vehicle.toml")
     assert run("simulate", _TUNING / "k_ratio.toml", "-o", tmp_path / "x") == 1
-    assert "found a study (lgprjax tune)" in " ".join(capsys.readouterr().err.split())
+    printed_refusal(capsys.readouterr().err).check(file="k_ratio.toml", found="lgprjax tune")
 
 
 def test_the_least_vehicle_file_of_the_page_is_one_and_a_missing_header_is_named(tmp_path: Path) -> None:
@@ -117,5 +117,4 @@ def test_the_least_vehicle_file_of_the_page_is_one_and_a_missing_header_is_named
     assert not check_file(file)
     file.write_text(text[text.index("name") :])
     (finding,) = check_file(file)
-    assert finding.expected.startswith('schema = "lgprjax.vehicle" and schema_version = "1.')
-    assert finding.found == "none"
+    assert "lgprjax.vehicle" in finding.expected

@@ -6,27 +6,20 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.cli import main
 from lgprjax.formats import check_file, read_vehicle
 from lgprjax.simulation import read_vehicle_plan
+from studies.commands import run
 
 _ROOT = Path(__file__).parents[2]
-
-
-def _run(*words: str) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main(list(words))
-    assert isinstance(stopped.value.code, int)
-    return stopped.value.code
 
 
 def test_each_study_goes_on_with_the_file_of_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(_ROOT / "tuning", tmp_path / "tuning")
     monkeypatch.chdir(tmp_path)
     (loop,) = re.findall(r"^for study in (.+); do$", Path("tuning/README.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert _run("simulate", "tuning/drives.toml", "-o", "out/drives") == 0
+    assert run("simulate", "tuning/drives.toml", "-o", "out/drives") == 0
     for study in loop.split():
-        assert _run("tune", f"tuning/{study}.toml", "-o", f"out/tuned/{study}") == 0, study
+        assert run("tune", f"tuning/{study}.toml", "-o", f"out/tuned/{study}") == 0, study
 
     (path,) = Path(f"out/tuned/{loop.split()[-1]}").glob("*.vehicle.toml")
     assert check_file(path) == []

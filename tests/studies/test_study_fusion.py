@@ -19,10 +19,10 @@ from lgprjax.formats import (
     write_vehicle_log,
 )
 from lgprjax.frames import LocalFrame
-from lgprjax.report.study_pictures import study_pictures
 from lgprjax.studies.navigation import tick_drive
 from lgprjax.studies.steering import FinishedStudy, run_study
 from model_drives import TICK_S, draw_drive, usual_model
+from refusals import refusal_in
 
 _FRAME = LocalFrame(46.0, 11.0, 300.0)
 # The least that a fit of nine noises takes.
@@ -204,14 +204,9 @@ def test_a_held_out_drive_with_worse_fixes_contradicts(folder: Path) -> None:
     for name, error_m in (("worse", 0.3), ("nowhere", 5.0)):
         _write_drive(folder, name, 1, fix_error_m=error_m)
         (folder / f"{name}.toml").write_text(table.replace("two.drive.h5", f"{name}.drive.h5"))
-        with pytest.raises(InputError, match=r"of lgpr, held out: expected .*; no vehicle file is written"):
+        with pytest.raises(InputError) as caught:
             run_study(read_study(folder / f"{name}.toml"))
-
-
-def test_picture_draws(finished: FinishedStudy, tmp_path: Path) -> None:
-    (draw,) = study_pictures("fusion").values()
-    draw(finished.outcome.detail, tmp_path / "fusion.png", False)
-    assert (tmp_path / "fusion.png").stat().st_size > 20_000
+        assert "lgpr" in refusal_in(caught.value).place
 
 
 def test_log_without_fixes_or_gyro_is_one_line(folder: Path, tmp_path: Path) -> None:
@@ -221,8 +216,10 @@ def test_log_without_fixes_or_gyro_is_one_line(folder: Path, tmp_path: Path) -> 
     write_vehicle(tmp_path / "x.vehicle.toml", _FILE)
     table = 'name = "s"\nkind = "fusion"\nvehicle = "x.vehicle.toml"\nlogs = ["lonely.drive.h5"]\n'
     (tmp_path / "s.toml").write_text(table)
-    with pytest.raises(InputError, match=r"lonely\.fixes\.h5.*lgprjax register"):
+    with pytest.raises(InputError) as caught:
         run_study(read_study(tmp_path / "s.toml"))
+    assert "lonely.fixes.h5" in str(caught.value)
     log = VehicleLog.open(path)
-    with pytest.raises(InputError, match="yaw_rate_radps"):
+    with pytest.raises(InputError) as caught:
         tick_drive(VehicleLog(**{**log.__dict__, "vehicle": None}), path, None)
+    assert "yaw_rate_radps" in str(caught.value)
