@@ -98,7 +98,7 @@ def _coarse(sigma_m: float, *, without_lgpr: bool = False, faded: bool = False) 
     def fault(drive: Any) -> None:
         rng = np.random.default_rng(3)
         for values in (drive.gnss.x_m, drive.gnss.y_m):
-            values[_LATE] += np.float32(sigma_m * rng.normal(size=_TIME_S.size))[_LATE]
+            values[_LATE] += (sigma_m * rng.normal(size=_TIME_S.size)).astype(np.float32)[_LATE]
         drive.gnss.covariance[_LATE] = sigma_m**2 * np.eye(2)
         drive.lgpr.valid[_LATE] &= not without_lgpr
         if faded:

@@ -21,7 +21,7 @@ def claims(drives: CartDrives, found: SmoothedCart) -> np.ndarray:
     """
     always = np.ones(drives.truth.shape[1], bool)
     pose, covariance, known = (np.asarray(each) for each in found)
-    counts = np.sum(
+    counts: np.ndarray = np.sum(
         [claims_and_truth(TOOL, pose[run], covariance[run], known[run], drives.truth[run], always) for run in range(3)],
         axis=0,
     )
