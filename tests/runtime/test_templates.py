@@ -37,7 +37,7 @@ class Host:
         self.port.write(self._sender.frame(name, fields, mode=3, mono_ns=time.monotonic_ns(), ttl_ms=ttl_ms))
 
     def until(
-        self, holds: Callable[[Frame], bool], seconds: float = 10.0, every: Callable[[], Any] = lambda: None
+        self, holds: Callable[[Frame], bool], seconds: float = 30.0, every: Callable[[], Any] = lambda: None
     ) -> Frame:
         """The first frame for which something holds; ``every`` is called every 20 ms meanwhile."""
         end_s = time.monotonic() + seconds
