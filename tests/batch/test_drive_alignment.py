@@ -8,6 +8,7 @@ import pytest
 
 from canon.site import Site
 from lgprjax.batch import RegisteredDrive, register_log
+from lgprjax.batch.recording import AS_STATED
 from lgprjax.batch.register import reversed_track
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
 from lgprjax.registration import RegisterOptions, Track
@@ -46,28 +47,27 @@ def ok_and_off_m(drive: RegisteredDrive) -> tuple[float, float]:
     return float(ok.sum() / late.sum()), float(off_m[ok].max(initial=0.0))
 
 
-@pytest.mark.parametrize(
-    ("sign", "later_ns"), [(-1, 0.0), pytest.param(1, 3.0, marks=pytest.mark.campaign), (-1, -4.0)]
-)
-def test_altered_drives_are_found_and_told(site: Site, tmp_path: Path, sign: int, later_ns: float) -> None:
-    drive = register(site, altered(site, tmp_path / "a.drive.h5", sign=sign, later_ns=later_ns))
+def test_an_altered_drive_is_found_and_told(site: Site, tmp_path: Path) -> None:
+    drive = register(site, altered(site, tmp_path / "a.drive.h5", sign=-1, later_ns=-4.0))
     found = drive.alignment
-    assert found.sign == sign
+    assert found.sign == -1
     # Hypotheses lie a fifth of a period apart, 0.7 ns, and the search in height takes up half a nanosecond.
-    assert found.later_ns == pytest.approx(later_ns, abs=0.75)
+    assert found.later_ns == pytest.approx(-4.0, abs=0.75)
     assert found.told is not None
-    assert ("inverted" in found.told) == (sign < 0)
-    assert ("time zero" in found.told) == (found.later_ns != 0.0)
+    assert f"{found.later_ns:+.2f} ns" in found.told
     assert 0.0 < found.chance <= 1e-6
     share, worst_m = ok_and_off_m(drive)
     assert share > 0.9
     assert worst_m < 0.3
 
 
-def test_a_drive_as_its_header_says_is_left_alone(site: Site, tmp_path: Path) -> None:
+def test_a_drive_as_its_header_says_is_left_alone(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     same = register(site, altered(site, tmp_path / "a.drive.h5"))
-    assert same.alignment == (1, 0.0, False, False, 0.0, None)
+    assert same.alignment == AS_STATED
+    # What the radar itself recorded is never looked at.
+    monkeypatch.setattr("lgprjax.batch.register.find_alignment", None)
     plain = register(site, altered(site, tmp_path / "b.drive.h5", imported=False))
+    assert plain.alignment == AS_STATED == (1, 0.0, False, False, 0.0, None)
     np.testing.assert_array_equal(np.asarray(plain.fix.pose), np.asarray(same.fix.pose))
     np.testing.assert_array_equal(plain.fix.p_false, same.fix.p_false)
 
@@ -75,13 +75,8 @@ def test_a_drive_as_its_header_says_is_left_alone(site: Site, tmp_path: Path) ->
 def test_other_ground_agrees_with_no_hypothesis(site: Site, tmp_path: Path) -> None:
     drive = register(site, altered(site, tmp_path / "a.drive.h5", name="impostor"))
     assert (drive.alignment.sign, drive.alignment.later_ns) == (1, 0.0)
-    assert "none of" in (drive.alignment.told or "")
+    assert drive.alignment.told is not None
     assert not np.any(drive.table["code"] == "ok")
-
-
-def test_what_the_radar_itself_recorded_is_never_turned(site: Site, tmp_path: Path) -> None:
-    drive = register(site, altered(site, tmp_path / "a.drive.h5", sign=-1, imported=False))
-    assert drive.alignment == (1, 0.0, False, False, 0.0, None)
 
 
 def test_a_line_walked_back_has_its_places_by_travel_at_any_speed() -> None:

@@ -1,9 +1,11 @@
 """A log whose INS is wrong and sure of itself: the ground says so, and no fix believes what it contradicts."""
 
+import re
+
 import numpy as np
 import pytest
 
-from canon.site import Site
+from canon.site import Site, registered_once
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import RegisterOptions, Track
@@ -21,9 +23,7 @@ def register_turned(site: Site, height_m: float, heading_deg: float, roll_deg: f
         return register_log(source, log, RegisterOptions(search_m=1.5), led_to=led_to)
 
 
-@pytest.mark.parametrize(
-    ("height_m", "heading_deg", "roll_deg"), [(0.0, 0.0, 0.0), (0.2, -6.0, 4.0), (-0.2, 6.0, -4.0), (0.0, 12.0, 0.0)]
-)
+@pytest.mark.parametrize(("height_m", "heading_deg", "roll_deg"), [(0.2, -6.0, 4.0), (0.0, 12.0, 0.0)])
 def test_an_attitude_that_is_wrong_is_found(site: Site, height_m: float, heading_deg: float, roll_deg: float) -> None:
     drive = register_turned(site, height_m, heading_deg, roll_deg)
     assert drive.truth is not None
@@ -34,29 +34,26 @@ def test_an_attitude_that_is_wrong_is_found(site: Site, height_m: float, heading
     travel_m = np.abs(drive.track.travel_m - drive.track.travel_m[0])
     late = ok & (travel_m > 4.0)
     heading, roll = (np.degrees(np.sqrt(np.mean(error[late, axis] ** 2))) for axis in (3, 4))
-    print(
-        f"ok {ok.mean():.3f}, later {late[travel_m > 4.0].mean():.3f}, heading {heading:.2f}, roll {roll:.2f} degrees"
-    )
     assert late[travel_m > 4.0].mean() >= 0.9
     assert np.max(np.hypot(error[ok, 0], error[ok, 1])) < 0.3
     assert np.mean(np.abs(error[ok, 2:]) > 4.0 * sigma[ok, 2:]) <= 1e-3
     assert max(heading, roll) <= 1.0
 
 
-@pytest.mark.parametrize("scale", [0.97, 1.03])
-def test_an_odometer_that_miscounts_is_noticed(site: Site, scale: float) -> None:
+def test_an_odometer_that_miscounts_is_noticed(site: Site, tmp_path_factory: pytest.TempPathFactory) -> None:
     """By 3 %: the fixes tell it, travel is scaled back, and they are as good as with a true one."""
 
     def led_to(track: Track) -> Track:
-        return track._replace(travel_m=scale * track.travel_m, speed_mps=scale * track.speed_mps)
+        return track._replace(travel_m=0.97 * track.travel_m, speed_mps=0.97 * track.speed_mps)
 
+    plain = registered_once(tmp_path_factory, site, "live")
     with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
         drive = register_log(source, log, RegisterOptions(search_m=1.5), led_to=led_to)
-        plain = register_log(source, log, RegisterOptions(search_m=1.5))
     assert plain.travel_changed is None
     assert plain.truth is not None
     assert drive.travel_changed is not None
-    assert f"% {'less' if scale < 1.0 else 'more'} than the map" in drive.travel_changed
+    (percent,) = re.findall(r"([\d.]+) %", drive.travel_changed)
+    assert float(percent) == pytest.approx(3.0, abs=1.0)
     np.testing.assert_allclose(np.ptp(drive.track.travel_m), np.ptp(plain.track.travel_m), rtol=0.01)
     both = np.asarray((drive.table.code == "ok") & (plain.table.code == "ok"))
     assert both.mean() > np.mean(plain.table.code == "ok") - 0.01
