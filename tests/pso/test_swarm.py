@@ -197,7 +197,8 @@ def hard_search(key: Key[Array, ""]) -> Float[Array, ""]:
         return hill + jnp.mean(jnp.cos(2.0 * jnp.pi * apart / 0.6), axis=-1)
 
     result = run_swarm(run, start, objective, jnp.ones(HARD_DIM, bool), config=HARD)
-    return jnp.linalg.norm(result.position - truth)
+    apart: Float[Array, ""] = jnp.linalg.norm(result.position - truth)
+    return apart
 
 
 def test_the_right_summit_of_many_is_found() -> None:
