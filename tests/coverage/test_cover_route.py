@@ -105,7 +105,7 @@ def test_like_patterns_share_one_compile_and_what_is_no_number_stays_in_its_lane
     assert math.log2(routes[0].rows.shape[0]).is_integer()
     arc = jnp.linspace(-1.0, 200.0, 2000)
     points = [np.stack(POINT(route, arc)[:5]) for route in routes]
-    assert not np.allclose(*points)
+    assert not np.allclose(points[0], points[1])
     ill = np.stack(POINT(routes[0], arc.at[2].set(jnp.nan))[:5])
     assert np.isnan(ill[0, 2])
     np.testing.assert_allclose(np.delete(ill, 2, axis=1), np.delete(points[0], 2, axis=1), atol=1e-5)

@@ -85,6 +85,6 @@ def test_the_picture_of_a_plan_marks_the_computed_corner(tmp_path: Path, drawn: 
             reverse_m=(), width_m=1.2, computed_m=corner,
         )  # fmt: skip
         draw_cover_plan(picture, tmp_path / "p.png", force=True)
-    plain, marked = ([np.ravel(line.get_data()).tolist() for line in each.axes[0].lines] for each in drawn)
+    plain, marked = ([np.concatenate(line.get_data()).tolist() for line in each.axes[0].lines] for each in drawn)
     assert BOX[3].tolist() not in plain
     assert marked == [*plain, BOX[3].tolist()]

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,7 +90,10 @@ def test_short_swarms_and_one_that_met_nothing_draw(
         draw_swarm(swarm(iterations), tmp_path / f"{iterations}.png")
         assert len([axes for axes in drawn[-1].axes if axes.images]) == len({0, round(iterations / 3), iterations})
     shown = swarm(3)
-    nothing = {"best_score": np.full_like(shown.best_score, -np.inf), "score": np.full_like(shown.score, np.nan)}
+    nothing: dict[str, Any] = {
+        "best_score": np.full_like(shown.best_score, -np.inf),
+        "score": np.full_like(shown.score, np.nan),
+    }
     draw_swarm(replace(shown, **nothing, truth=None), tmp_path / "s.png")
     assert not caplog.records
     with refused("output", "--force", file="s.png"):
