@@ -1,6 +1,7 @@
-"""What the site shows beside docs/: the reference, the notebooks as they are kept, the file formats as tables, and the
-files that pages link to."""
+"""What the site shows beside docs/: the reference, the messages, the notebooks as they are kept, the file formats as
+tables, and the files that pages link to."""
 
+import ast
 import json
 import re
 import tomllib
@@ -30,6 +31,9 @@ _LOOKS = re.compile(r'<style scoped>.*?</style>\s*| border="1" class="dataframe"
 _DIAGRAM = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _CELL = re.compile(r"<td>(.*?)</td>", re.DOTALL)
 _PICTURE = re.compile(r'(<img [^>]*src="([^"]+)"[^>]*>)')
+_REFUSALS = ("InputError", "ArgumentError", "NotExcitedError")
+# What Markdown would read in a cell.
+_LITERAL = re.compile(r"[&<>{}\[\]*_|`\\]")
 _TABLES = {
     "attribute": "Attributes",
     "group": "Groups",
@@ -45,7 +49,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     formats = [{path.name: f"files/{path.stem}.md"} for path in _schemas()]
     assert config.nav is not None
     before = next(place for place, each in enumerate(config.nav) if "Performance" in each)
-    config.nav.insert(before, {"Reference": [{"Python": python}, {"Files": formats}]})
+    config.nav.insert(before, {"Reference": [{"Python": python}, {"Files": formats}, {"Messages": "messages.md"}]})
     config.nav.insert(before + 2, {"Performance, all records": "all_records.md"})
     return config
 
@@ -60,6 +64,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, f"reference/{room}.md", content=page))
     for schema in _schemas():
         files.append(File.generated(config, f"files/{schema.stem}.md", content=_format_page(schema)))
+    files.append(File.generated(config, "messages.md", content=messages_page()))
     files.append(File.generated(config, "all_records.md", content=_records_page()))
     files.append(File.generated(config, "repository/CHANGELOG.md", content=(_ROOT / "CHANGELOG.md").read_text("utf-8")))
     for file in _notebook_files(config):
@@ -151,6 +156,33 @@ def _place(path: str) -> str:
     if path.startswith("notebooks/"):
         return path.replace(".ipynb", ".md")
     return f"repository/{path.removesuffix('.md')}{'.txt' if path.endswith('.md') else ''}"
+
+
+def messages_page() -> str:
+    """Every refusal that the package words, a row each: to be read, and improved where it stands."""
+    told = "A command prints `FILE: PLACE: expected EXPECTED, found FOUND`. A name in braces stands for its value."
+    lines = ["# Messages", "", told, "", "| where | place | expected | found |", "| --- | --- | --- | --- |"]
+    for path in sorted((_ROOT / "lgprjax").rglob("*.py")):
+        calls = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Call)]
+        for call in sorted(calls, key=lambda call: (call.lineno, call.col_offset)):
+            if isinstance(call.func, ast.Name) and call.func.id in _REFUSALS and len(call.args) >= 3:
+                cells = (f"{path.relative_to(_ROOT)}:{call.lineno}", *map(_worded, call.args[-3:]))
+                shown = (_LITERAL.sub(lambda sign: f"&#{ord(sign[0])};", " ".join(each.split())) for each in cells)
+                lines.append("| " + " | ".join(shown) + " |")
+    return "\n".join([*lines, ""])
+
+
+def _worded(value: ast.expr) -> str:
+    """A text as its reader finds it; in braces the expression of what is only known when it is raised."""
+    if isinstance(value, ast.JoinedStr):
+        return "".join(map(_worded, value.values))
+    if isinstance(value, ast.BinOp) and isinstance(value.op, ast.Add):
+        return _worded(value.left) + _worded(value.right)
+    if isinstance(value, ast.IfExp):
+        return f"{_worded(value.body)} / {_worded(value.orelse)}"
+    if isinstance(value, ast.Constant):
+        return str(value.value) or "(nothing)"
+    return f"{{{ast.unparse(value.value if isinstance(value, ast.FormattedValue) else value)}}}"
 
 
 def _records_page() -> str:

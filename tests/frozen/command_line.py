@@ -1,12 +1,10 @@
 """The command line as it is told by ``--help``, and what it answers to wrong input."""
 
-import contextlib
-import io
 import re
 from pathlib import Path
 from typing import Any
 
-from lgprjax.cli import main
+from canon.commands import run
 
 WRONG: dict[str, list[str]] = {
     "no verb": [],
@@ -46,26 +44,13 @@ _OPTION = re.compile(r"^  (-{1,2}[a-z]\S*.*?)(?:  +.*)?$")
 _VERB = re.compile(r"^  ([a-z0-9]+) +\S")
 
 
-def command(words: list[str]) -> tuple[int, str, str]:
-    """Exit status and what was printed, out and err."""
-    out, err = io.StringIO(), io.StringIO()
-    status: Any = None
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            main(words)
-        except SystemExit as stopped:
-            status = stopped.code
-    assert isinstance(status, int), status
-    return status, out.getvalue(), err.getvalue()
-
-
 def options_of_verbs() -> dict[str, list[str]]:
     """Every verb that does something, with its positional arguments and its options, as ``--help`` shows them."""
     found: dict[str, list[str]] = {}
     waiting: list[list[str]] = [[]]
     while waiting:
         words = waiting.pop()
-        status, text, _ = command([*words, "--help"])
+        status, text, _ = run(*words, "--help")
         assert status == 0, words
         usage, _, rest = text.partition("\n\n")
         table, _, _ = rest.partition("\nExamples\n")
@@ -88,12 +73,15 @@ def write_wrong_files(folder: Path) -> None:
 
 
 def refusals() -> dict[str, list[Any]]:
-    """Of every wrong command: exit status, and the first line of what it says."""
+    """Of every wrong command: exit status, what its answer is about, and the options that this names."""
     found: dict[str, list[Any]] = {}
     for name, words in WRONG.items():
-        status, out, err = command(words)
-        lines = [line.strip("╭╮╰╯─│ ") for line in (err or out).splitlines()]
-        first = next((line for line in lines if line), "")
-        # Of wrong usage the parser's library has its own words.
-        found[name] = [status, first if status == 1 or first.startswith("lgprjax: ") else ""]
+        done = run(*words)
+        # Without a verb all verbs are told.
+        about = done.about if words else ""
+        found[name] = [
+            done.status,
+            about,
+            *sorted(set(re.findall(r"--[a-z-]+", done.err)) - {"--help"} if words else ()),
+        ]
     return found

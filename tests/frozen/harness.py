@@ -31,14 +31,26 @@ ONE_ARITHMETIC = {
 }
 """Instructions that every x86-64 processor since 2008 has, and sums by one thread."""
 _COMMANDS = """
-import json, sys
+import contextlib, io, json, os, sys
+from pathlib import Path
 from lgprjax.cli import main
+
+
+def files():
+    return {str(path): path.stat().st_mtime_ns for path in Path().rglob("*") if path.is_file()}
+
+
+told = []
 for words in json.load(sys.stdin):
-    try:
-        main(words)
-    except SystemExit as stopped:
-        if stopped.code:
-            sys.exit(f"{' '.join(words)}: status {stopped.code}")
+    out, err, status, before = io.StringIO(), io.StringIO(), None, files()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main(words)
+        except SystemExit as stopped:
+            status = stopped.code
+    wrote = sorted(name for name, at in files().items() if before.get(name) != at)
+    told.append({"status": status, "out": out.getvalue(), "err": err.getvalue(), "wrote": wrote})
+json.dump(told, sys.stdout)
 """
 
 
@@ -50,10 +62,15 @@ class Done(NamedTuple):
     err: str
 
 
-def run_commands(commands: list[list[str]], folder: Path) -> None:
-    """Commands one after the other in a process and a folder of their own, by ``ONE_ARITHMETIC``; all must succeed."""
+def run_commands(commands: list[list[str]], folder: Path) -> list[dict[str, Any]]:
+    """Commands one after the other in a process and a folder of their own, by ``ONE_ARITHMETIC``.
+
+    Of each: its status, what it printed (out, err), and the files that it wrote.
+    """
     done = _start(["-c", _COMMANDS], folder, told=json.dumps(commands), **ONE_ARITHMETIC)
     assert done.status == 0, f"{done.out[-2000:]}\n{done.err[-4000:]}"
+    told: list[dict[str, Any]] = json.loads(done.out)
+    return told
 
 
 def run_command(words: list[str], folder: Path, **environment: str) -> Done:
@@ -69,7 +86,7 @@ def _start(words: list[str], folder: Path, told: str = "", **environment: str) -
         input=told,
         capture_output=True,
         text=True,
-        timeout=600.0,
+        timeout=1800.0,
         check=False,
         cwd=folder,
         env={**os.environ, "PYTHONPATH": package, "COLUMNS": "120", **environment},

@@ -29,7 +29,7 @@ FILES = {
     "worked area": "f.worked.h5",
     "figures of a worked area": "worked.json",
 }
-"""Kinds of files, and where ``made`` has one."""
+"""Kinds of files, and where the story has one."""
 
 
 def messages_of(path: Path) -> dict[str, list[str]]:

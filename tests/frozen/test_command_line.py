@@ -1,4 +1,4 @@
-"""Verbs, their options, exit statuses and the one line of a refusal are contracts."""
+"""Verbs, their options, exit statuses and the fields of a refusal are contracts."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ def test_verbs_and_options(monkeypatch: pytest.MonkeyPatch) -> None:
     assert options_of_verbs() == read_json("commands.json")
 
 
-def test_wrong_input_is_refused_in_the_same_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_input_is_refused_in_the_same_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_wrong_files(tmp_path)
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.iterdir())

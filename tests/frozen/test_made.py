@@ -1,23 +1,22 @@
 """What the command line makes of a small site: every scan's code and place, and every file's structure, as they were.
 
-Site, map and fixes are made by the command line alone, once for all of these tests: it takes minutes. On one machine
-two runs agree to the bit; between processors of one kind of instructions (``ONE_ARITHMETIC``) they nearly do, and a
-tolerance is kept for what they do not promise: 1 mm of place, and codes that differ for 0.2 % of all scans at most, for
-a scan may lie so near to a threshold that a last bit decides. Such a scan's numbers are not compared. A climb keeps the
-best of a few poses, and a last bit may choose another: between two processors 4 of 190 places moved by up to 2 mm, and
-11 headings by up to 0.17 degrees.
+On one machine two runs of the story agree to the bit; between processors of one kind of instructions
+(``ONE_ARITHMETIC``) they nearly do, and a tolerance is kept for what they do not promise: 1 mm of place, and codes that
+differ for 0.2 % of all scans at most, for a scan may lie so near to a threshold that a last bit decides. Such a scan's
+numbers are not compared. A climb keeps the best of a few poses, and a last bit may choose another: between two
+processors 4 of 190 places moved by up to 2 mm, and 11 headings by up to 0.17 degrees.
 """
 
 import platform
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from canon.story import Story
 from frozen.harness import DATA, read_json
-from frozen.made import LOCATED, fixes_of, make_all
+from frozen.made import LOCATED, fixes_of
 from frozen.structure import FILES, messages_of, schema_digests, structure_of
 
 on_x86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="fixes are frozen for x86-64")
@@ -31,23 +30,15 @@ _OTHERS, _FARTHEST = 0.1, 20.0
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with everything in it."""
-    folder = tmp_path_factory.mktemp("frozen")
-    make_all(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
 def held() -> pd.DataFrame:
     """Fixes as they were."""
     return pd.read_csv(DATA / "fixes.csv")
 
 
 @pytest.fixture(scope="module")
-def found(made: Path) -> pd.DataFrame:
+def found(story: Story) -> pd.DataFrame:
     """Fixes of now."""
-    return fixes_of(made)
+    return fixes_of(story.folder)
 
 
 @on_x86
@@ -82,14 +73,28 @@ def test_places_are_where_they_were(which: str, found: pd.DataFrame, held: pd.Da
     assert (off_m[placed & ~ok] > 1e-3).mean() <= _OTHERS or (ok | ~placed).all()
 
 
+def test_every_command_ends_as_it_should(story: Story) -> None:
+    """A command that stands there again, and is not forced, is refused and writes nothing."""
+    told = [step.words.partition(" --json")[0] for step in story.steps]
+    again = [words in told[:place] for place, words in enumerate(told)]
+    assert again.count(True) == 5
+    for step, refused in zip(story.steps, again, strict=True):
+        assert step.done.status == refused, step.done.err
+        told_only = step.words.startswith("check ") and "--json" not in step.words
+        assert bool(step.wrote) != (refused or told_only), step.words
+        if refused:
+            assert step.done.refusal.place == "output"
+            assert "--force" in step.done.refusal.expected
+
+
 @pytest.mark.parametrize("kind", FILES)
-def test_a_file_is_built_as_it_was(kind: str, made: Path) -> None:
+def test_a_file_is_built_as_it_was(kind: str, story: Story) -> None:
     structures: dict[str, Any] = read_json("formats.json")
-    assert structure_of(made / FILES[kind]) == structures[kind]
+    assert structure_of(story.folder / FILES[kind]) == structures[kind]
 
 
-def test_messages_are_of_the_same_types(made: Path) -> None:
-    assert messages_of(made / "live.mcap") == read_json("messages.json")
+def test_messages_are_of_the_same_types(story: Story) -> None:
+    assert messages_of(story.folder / "live.mcap") == read_json("messages.json")
 
 
 def test_the_schema_is_the_same() -> None:

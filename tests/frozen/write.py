@@ -7,10 +7,11 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from canon.story import make_story
 from frozen.autopilot_sequences import sequences
 from frozen.command_line import options_of_verbs, refusals, write_wrong_files
 from frozen.harness import DATA, write_json
-from frozen.made import fixes_of, make_all
+from frozen.made import fixes_of
 from frozen.structure import messages_of, schema_digests, structures
 
 
@@ -32,7 +33,7 @@ def write_made(*, fixes: bool, formats: bool) -> None:
     """``fixes.csv``; ``formats.json``, ``messages.json``, ``schemas.json``."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        make_all(folder)
+        make_story(folder)
         if fixes:
             fixes_of(folder).to_csv(DATA / "fixes.csv", index=False)
         if formats:
