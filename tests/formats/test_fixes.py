@@ -5,10 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from lgprjax.formats import check_file, load_schema, read_fix_poses, read_fixes, write_fixes
+from lgprjax.formats import check_file, read_fix_poses, read_fixes, write_fixes
 from refusals import refused
 
 _HEADER = (
@@ -94,22 +92,6 @@ def test_optional_parts(tmp_path: Path) -> None:
     assert csv_path.read_text().splitlines()[0] == _HEADER + ",time_scale"
     assert read_fixes(csv_path)["time_scale"].tolist() == [1.01] * 4
     assert read_fix_poses(h5_path) == (None, None)
-
-
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_round_trip(tmp_path: Path, data: st.DataObject) -> None:
-    rows = data.draw(st.integers(1, 8))
-    angle = st.one_of(st.just(np.nan), st.floats(-90, 90))
-    table = _table(rows)
-    for name in ("latitude_deg", "longitude_deg", "heading_deg"):
-        table[name] = data.draw(st.lists(angle, min_size=rows, max_size=rows))
-    codes = next(entry.choices for entry in load_schema("fixes").columns if entry.choices)
-    table["code"] = data.draw(st.lists(st.sampled_from(codes), min_size=rows, max_size=rows))
-    csv_path, h5_path = _write(tmp_path, table, force=True)
-    pd.testing.assert_frame_equal(read_fixes(h5_path), table, check_dtype=False, check_exact=True)
-    pd.testing.assert_frame_equal(read_fixes(csv_path), table, check_dtype=False, atol=1e-6, rtol=0)
-    np.testing.assert_allclose(read_fixes(csv_path)["longitude_deg"], table["longitude_deg"], atol=1e-9, rtol=0)
 
 
 _BAD_TABLES: list[tuple[Callable[[pd.DataFrame], pd.DataFrame], str, tuple[object, ...]]] = [
