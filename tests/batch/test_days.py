@@ -21,7 +21,8 @@ WINDOW_M = 4.0
 # Median correlation of single scans at the truth, at the time scale that was found: fixed beforehand, not chosen to
 # please. The bands are those of many roads, and wider by 0.03 for one.
 DIFFICULTY = {"snow": (0.47, 0.63), "rain": (0.3, 0.53)}
-SCALE = {"snow": 1.0, "rain": 1.05}
+# Rain stretches travel time by 5 %, of which a height that is as wrong may take up a part.
+SCALE = {"snow": (0.985, 1.015), "rain": (1.01, 1.065)}
 
 
 def registered(site: Site, folder: Path, day: str, direction: int = 1) -> RegisteredDrive:
@@ -49,7 +50,7 @@ def test_a_fix_is_there_on_every_day(site: Site, day: str, tmp_path: Path) -> No
     low, high = DIFFICULTY[day]
     assert low <= np.nanmedian(drive.correlation_at_truth) <= high
     assert drive.time_scale is not None
-    assert np.median(drive.time_scale) == pytest.approx(SCALE[day], abs=0.015)
+    assert SCALE[day][0] <= np.median(drive.time_scale) <= SCALE[day][1]
     # Squared errors in units of the covariances: one road is one draw of its baselines' GNSS.
     ok = np.asarray(drive.fix.code) == Code.OK
     assert drive.truth is not None
@@ -73,9 +74,10 @@ def test_a_window_that_leaves_the_map_on_the_way_back_is_not_drawn_back_onto_it(
     assert ok[np.asarray(drive.fix.overlap) < 0.8].any()
 
 
-def test_slabs_that_repeat_themselves_are_declined(tmp_path: Path) -> None:
-    """Two places in the region look alike: neither is believed where the other lies on the map."""
-    drive = register_site(repeating_site(tmp_path, 2.4), "live")
+def test_slabs_that_repeat_themselves_are_declined_until_one_place_is_clearly_better(tmp_path: Path) -> None:
+    """Two places in the region look alike: neither is believed where the other is about as good, and no wrong one."""
+    drive = register_site(repeating_site(tmp_path, 2.0), "live")
     code = np.asarray(drive.fix.code)
-    assert np.mean(np.isin(code, (Code.LOW_CORRELATION, Code.AMBIGUOUS))) > 0.9
+    assert np.mean(np.isin(code, (Code.LOW_CORRELATION, Code.AMBIGUOUS))) > 0.5
+    assert np.mean(code == Code.AMBIGUOUS) > 0.1
     assert np.all(np.hypot(*true_errors(drive)[code == Code.OK].T) < 0.3)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from lgprjax.errors import InputError
 from lgprjax.formats import MapFile
 from lgprjax.mapping import align
 from lgprjax.mapping.align import (
@@ -26,6 +25,7 @@ from lgprjax.mapping.align import (
 )
 from lgprjax.registration import POOLED, Code
 from plane_ground import STEP_M, write_plane_map
+from refusals import refused
 
 RADIUS_M = 7.0
 ROUND_M = 2.0 * np.pi * RADIUS_M
@@ -150,10 +150,6 @@ def test_matches_say_where_places_are_on_the_ground_of_the_other_pass(
     )
     off = np.hypot(*(rows.found[ok, :2] - expected).T)
     yaw = np.degrees(np.mod(rows.found[ok, 2] - truth[:, 2] - turn + np.pi, 2.0 * np.pi) - np.pi)
-    print(
-        f"{ok.mean():.3f} of {len(ok)} ok; off by {np.sqrt(np.mean(off**2)):.4f} m RMS, {off.max():.3f} m at most; "
-        f"yaw {np.std(yaw):.3f} deg"
-    )
     assert ok.mean() > 0.8
     assert np.sqrt(np.mean(off**2)) < 0.03
     assert np.abs(yaw).max() < 1.0
@@ -176,8 +172,6 @@ def test_labels_agree_afterwards(
         drive = source.drive
     after = mutual_m(ring, agreed.pose, rows, used)
     once = mutual_m(ring, first.pose, rows, used)
-    print(f"mutual {before:.3f} -> {once:.4f} -> {after:.4f} m; noise times {agreed.noise_scale:.2f}")
-    print(agreed.before, agreed.after, *agreed.baselines, sep="\n")
     assert before > 0.3
     assert after <= once <= 0.05
     assert agreed.after.rms_m < 0.04 < agreed.before.rms_m
@@ -256,7 +250,7 @@ def test_a_map_is_rebuilt_without_touching_a_signal(
             )
             provenance = refined.provenance
             assert refined.description.label_sigma_m == source.description.label_sigma_m
-        with pytest.raises(InputError, match="exists"):
+        with refused("output", "--force", file=output):
             refine_map(source, few, output)
     assert provenance["inputs"] == [{"file": f"drive {n}", "position_sigma_m": 0.35} for n in range(3)]
     refined_by = provenance["refined"]

@@ -3,8 +3,9 @@
 import errno
 import hashlib
 import os
+import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,16 +15,14 @@ import numpy as np
 import pytest
 
 from canon.map import of_many_grounds
-from canon.trench import TrenchSite, first_scans, parts
-from lgprjax.batch import RegisteredDrive, register_log
+from canon.trench import TrenchSite, parts
 from lgprjax.batch.register import true_poses
-from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording, check_file, locked_map
 from lgprjax.mapping import UpdatedMap, update_map
 from lgprjax.mapping.matching import passes_at, places_of_drives, route_of
 from lgprjax.mapping.update import LocatedDrive, locate_drive
 from lgprjax.radar import ArrayGeometry
-from lgprjax.registration import WRONG_M, Code, RegisterOptions
+from refusals import refused
 
 
 class Updated(NamedTuple):
@@ -34,10 +33,20 @@ class Updated(NamedTuple):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def unmeasured() -> Iterator[None]:
-    """What foreign ground reaches on the new map is not looked at here; ``tests/cli`` updates one that measures it."""
+def quick() -> Iterator[None]:
+    """What foreign ground reaches on the new map is not looked at here; ``tests/cli`` updates one that measures it. A
+    drive is located on a map once, whatever else then comes of it."""
+    known: dict[tuple[str, str], LocatedDrive] = {}
+
+    def locate_once(source: MapFile, log: DriveLog, progress: Callable[[int], None]) -> LocatedDrive:
+        key = digest(source.path), digest(log.path)
+        if key not in known:
+            known[key] = locate_drive(source, log, progress)
+        return known[key]
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lgprjax.mapping.update.measure_chance", of_many_grounds)
+        patch.setattr("lgprjax.mapping.update.locate_drive", locate_once)
         yield
 
 
@@ -54,35 +63,6 @@ def twice(trench: TrenchSite, tmp_path_factory: pytest.TempPathFactory) -> Updat
     """By both of them at once, as a new map."""
     path = tmp_path_factory.mktemp("twice") / "new.map.h5"
     return Updated(path, update_map(trench.map, [trench.newer[1], trench.newer[0]], path))
-
-
-@pytest.fixture(scope="module")
-def second(trench: TrenchSite, once: Updated) -> LocatedDrive:
-    """The second of the newer drives on the map after the first."""
-    with MapFile.open(once.path) as source, DriveLog.open(trench.newer[1]) as log:
-        return locate_drive(source, log)
-
-
-@pytest.fixture
-def known(second: LocatedDrive, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Updates by that drive need not register it again: what is tested comes after."""
-    monkeypatch.setattr("lgprjax.mapping.update.locate_drive", lambda *_: second)
-
-
-def located(map_path: Path, drive: Path) -> RegisteredDrive:
-    """In windows that fit into the trench: longer ones bridge it."""
-    with MapFile.open(map_path) as source, DriveLog.open(drive) as log:
-        return register_log(source, log, RegisterOptions(window_m=1.0))
-
-
-def figures(trench: TrenchSite, drive: RegisteredDrive) -> tuple[float, float, int]:
-    """Share of ok scans in the trench and outside, the first metres of the drive left out; wrong ones among all."""
-    assert drive.truth is not None
-    ok = np.asarray(drive.fix.code) == Code.OK
-    inside, outside = parts(trench, drive.truth[:, 0])
-    outside &= drive.truth[:, 0] > drive.truth[0, 0] + 2.5
-    off = np.hypot(*(np.asarray(drive.fix.pose)[:, :2] - drive.truth[:, :2]).T)
-    return float(ok[inside].mean()), float(ok[outside].mean()), int(np.sum(off[ok] > WRONG_M))
 
 
 def digest(path: Path) -> str:
@@ -118,7 +98,6 @@ def test_labels_follow_the_map(trench: TrenchSite, once: Updated) -> None:
         time_s = source.read_stored(stations).place[:, 7] * 1e-4
         truth = np.stack([np.interp(time_s, log.scan_time_s, true[:, axis]) for axis in (0, 1)], axis=1)
         left = np.hypot(*(source.pose[stations, :2] - truth).T)
-    print(f"labels {np.sqrt(np.mean(left**2)):.3f} m RMS off, {left.max():.3f} m at most")
     assert np.sqrt(np.mean(left**2)) < 0.04
     assert left.max() < 0.12
     (update,) = once.update.drives
@@ -148,22 +127,6 @@ def test_a_second_newer_drive_outvotes_the_old_ground(trench: TrenchSite, twice:
     assert list(twice.path.parent.iterdir()) == [twice.path]
 
 
-@pytest.mark.campaign
-def test_the_trench_can_be_driven_again_and_nothing_else_is_lost(
-    trench: TrenchSite, once: Updated, twice: Updated
-) -> None:
-    before, between, after = (
-        figures(trench, located(path, trench.live)) for path in (trench.map, once.path, twice.path)
-    )
-    for name, (inside, outside, wrong) in (("before", before), ("once", between), ("twice", after)):
-        print(f"{name}: {inside:.3f} ok in the trench, {outside:.3f} outside, {wrong} wrong")
-    assert before[0] < 0.2
-    assert after[0] > 0.85
-    assert between[1] >= before[1] - 0.02
-    assert after[1] >= before[1] - 0.02
-    assert before[2] == between[2] == after[2] == 0
-
-
 def test_weights_have_reasons(twice: Updated) -> None:
     weights = twice.update.weights
     with MapFile.open(twice.path) as source:
@@ -174,8 +137,8 @@ def test_weights_have_reasons(twice: Updated) -> None:
     assert max(each.weight for each in weights) == 1.0
     # A year older, and as good: about half of the weight.
     assert 0.3 < weights[0].weight < 0.8
-    assert "304 days older" in weights[0].reasons
-    assert "by 3 other(s)" in weights[0].reasons
+    # Days older than the newest, and by how many others it is confirmed.
+    assert {"304", "3"} <= set(re.findall(r"\d+", weights[0].reasons))
 
 
 def test_provenance_goes_on_and_drives_at_once_are_as_drives_one_by_one(
@@ -212,38 +175,36 @@ def test_the_route_of_the_map_goes_over_what_is_in_force(trench: TrenchSite, twi
     assert np.all(passes[outside] >= 3)
 
 
-def test_a_line_walked_the_other_way_makes_as_many_stations(trench: TrenchSite, tmp_path: Path) -> None:
-    """An imported line, and a copy whose traces are stored from its other end."""
-    added = []
-    for back in (False, True):
-        drive, path = tmp_path / f"line{back:d}.drive.h5", tmp_path / f"road{back:d}.map.h5"
-        _as_a_line(trench.newer[0], drive, back=back)
-        (update,) = update_map(trench.map, [drive], path).drives
-        assert check_file(path) == []
-        with MapFile.open(path) as source:
-            added.append(source.pose[source.drive == 2])
-        assert update.stations == len(added[-1])
-    assert len(added[0]) > 100
-    assert abs(len(added[0]) - len(added[1])) <= 1
+def test_a_line_walked_the_other_way_makes_as_many_stations(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
+    """The same drive as an imported line whose traces are stored from its other end."""
+    drive, path = tmp_path / "line.drive.h5", tmp_path / "road.map.h5"
+    _as_a_line(trench.newer[0], drive)
+    (update,) = update_map(trench.map, [drive], path).drives
+    assert check_file(path) == []
+    with MapFile.open(path) as source, MapFile.open(once.path) as plain:
+        back, along = (each.pose[each.drive == 2] for each in (source, plain))
+    assert update.stations == len(back)
+    assert len(back) > 100
+    assert abs(len(back) - len(along)) <= 1
     # The last station of one is the first of the other, and the antennas keep their sides.
     for one, other in ((0, -1), (-1, 0)):
-        assert np.hypot(*(added[0][one, :2] - added[1][other, :2])) < 0.2
-    assert abs(np.median(added[0][:, 3]) - np.median(added[1][:, 3])) < 0.1
+        assert np.hypot(*(back[one, :2] - along[other, :2])) < 0.2
+    assert abs(np.median(back[:, 3]) - np.median(along[:, 3])) < 0.1
 
 
-def _as_a_line(drive: Path, target: Path, *, back: bool) -> None:
+def _as_a_line(drive: Path, target: Path) -> None:
     """A drive as if it had been imported from a survey line of which nobody knows the direction."""
     with DriveLog.open(drive) as log:
         recording = log.description.recording
         assert isinstance(recording, TraceRecording)
         provenance = log.description.provenance | {"lines": [], "assumed": {"direction": "as stored"}}
         description = replace(log.description, recording=replace(recording, zero_level=0.0), provenance=provenance)
-        traces, valid = (each[::-1] if back else each for each in log.read_traces(0, log.scans))
+        traces, valid = (each[::-1] for each in log.read_traces(0, log.scans))
         with DriveWriter.create(target, description, channels=log.channels, dtype=np.float32) as writer:
             writer.append(log.scan_time_s, traces.astype(np.float32), valid)
 
 
-@pytest.mark.parametrize("wrong", ["elsewhere", "off", "short", "twice", "channels"])
+@pytest.mark.parametrize("wrong", ["elsewhere", "off", "twice", "channels"])
 def test_a_drive_that_does_not_belong_there_changes_nothing(
     wrong: str, trench: TrenchSite, once: Updated, tmp_path: Path
 ) -> None:
@@ -251,26 +212,22 @@ def test_a_drive_that_does_not_belong_there_changes_nothing(
     shutil.copyfile(once.path, path)
     if wrong == "elsewhere":
         shutil.copyfile(trench.elsewhere, drive)
-        expected = "expected fixes that agree over 5 m and 20 % of the way on the map, found 0 m of"
+        refusal = refused("fixes", "5 m", "20 %", file=drive, found="0 m")
     elif wrong == "off":
         shutil.copyfile(trench.newer[1], drive)
         with h5py.File(drive, "r+") as store:
             store["gnss_ins/latitude_deg"][...] += 1e-3
         # A thousandth of a degree is 111 m; the road is a little nearer than that.
-        expected = "/gnss_ins: expected a drive over the map's ground, known to 1.5 m, found the drive is 110 m from"
-    elif wrong == "short":
-        first_scans(trench.newer[1], drive, 100)
-        expected = "expected fixes that agree over 5 m"
+        refusal = refused("/gnss_ins", "1.5 m", file=drive, found="110 m")
     elif wrong == "twice":
         shutil.copyfile(trench.newer[0], drive)
-        expected = "expected a drive that is not part of the map, found newer1.drive.h5, whose ground road.map.h5 holds"
+        refusal = refused("drive", "road.map.h5", file=drive, found="newer1.drive.h5")
     else:
         _with_fewer_channels(trench.newer[1], drive)
-        expected = "/array/y_m: expected 11 channels as in"
+        refusal = refused("/array/y_m", 11, file=drive, found=9)
     before = digest(path)
-    with pytest.raises(InputError) as refused:
+    with refusal:
         update_map(path, [drive])
-    assert expected in str(refused.value)
     assert digest(path) == before
     assert sorted(tmp_path.iterdir()) == [path, drive]
 
@@ -285,7 +242,6 @@ def _with_fewer_channels(source: Path, target: Path) -> None:
             writer.append(log.scan_time_s[:64], (traces[:, :9] + 128).astype(np.uint8))
 
 
-@pytest.mark.usefixtures("known")
 def test_readers_keep_the_map_that_they_opened(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
     path = tmp_path / "road.map.h5"
     shutil.copyfile(once.path, path)
@@ -300,9 +256,8 @@ def test_readers_keep_the_map_that_they_opened(trench: TrenchSite, once: Updated
     assert list(tmp_path.iterdir()) == [path]
 
 
-# In the scratch map's header, in its stations, and when the new map is written.
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.5])
-@pytest.mark.usefixtures("known")
+# In the scratch map's stations, and when the new map is written.
+@pytest.mark.parametrize("share", [0.5, 1.5])
 def test_a_full_disk_is_one_line_and_the_old_map_stays(
     share: float, trench: TrenchSite, once: Updated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -318,14 +273,12 @@ def test_a_full_disk_is_one_line_and_the_old_map_stays(
         return real(file, data, offset)
 
     monkeypatch.setattr(os, "pwrite", filling)
-    with pytest.raises(InputError) as refused:
+    with refused("output", file=path, found=os.strerror(errno.ENOSPC)):
         update_map(path, [trench.newer[1]])
-    assert str(refused.value) == f"{path}: output: expected a file that can be written, found No space left on device"
     assert digest(path) == before
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.usefixtures("known")
 def test_a_damaged_map_is_refused(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
     path = tmp_path / "road.map.h5"
     shutil.copyfile(once.path, path)
@@ -335,24 +288,22 @@ def test_a_damaged_map_is_refused(trench: TrenchSite, once: Updated, tmp_path: P
     data[chunk.byte_offset + chunk.size // 2] ^= 0x55
     path.write_bytes(bytes(data))
     before = digest(path)
-    with pytest.raises(InputError) as refused:
+    with refused("/baselines/codes, stations 0 to 255", file=path):
         update_map(path, [trench.newer[1]])
-    assert str(refused.value).startswith(f"{path}: /baselines/codes, stations 0 to 255: expected readable data")
     assert digest(path) == before
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_behind_a_link_it_is_the_map_that_is_locked(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
+def test_a_map_at_work_and_an_output_that_exists_are_left_alone(
+    trench: TrenchSite, once: Updated, tmp_path: Path
+) -> None:
+    """Behind a link it is the map that is locked."""
     path, link = tmp_path / "road.map.h5", tmp_path / "link.map.h5"
     shutil.copyfile(once.path, path)
     link.symlink_to(path)
-    with locked_map(path), pytest.raises(InputError, match="at work on it"):
+    with locked_map(path), refused(None, file=path, found=os.getpid()):
         update_map(link, [trench.newer[1]])
-
-
-def test_an_output_that_exists_needs_force(trench: TrenchSite, once: Updated, tmp_path: Path) -> None:
-    path = tmp_path / "new.map.h5"
     path.write_bytes(b"something")
-    with pytest.raises(InputError, match="expected a new file, or --force, found one that exists"):
+    with refused("output", "--force", file=path):
         update_map(once.path, [trench.newer[1]], path)
     assert path.read_bytes() == b"something"
