@@ -76,11 +76,11 @@ def sleeper(tmp_path: Path) -> Iterator[Watched]:
 def test_ready_is_told_once_and_silence_counts_from_the_last_beat(sleeper: Watched) -> None:
     sleeper.say(WARMING, 1)
     assert sleeper.look() == []
-    assert not sleeper.child.ready
+    ready = [sleeper.child.ready]
     for count in range(2, 60):
         sleeper.say(READY, count)
         assert sleeper.look() == ([ProcessReports(What.READY, "monitor")] if count == 2 else [])
-    assert sleeper.child.ready
+    assert [*ready, sleeper.child.ready] == [False, True]
     began_s, told = sleeper.now_s, sleeper.look()
     while not told:
         assert sleeper.now_s - began_s < 0.3

@@ -83,9 +83,10 @@ def test_a_route_is_chosen_by_its_name_before_the_vehicle_steers_and_while_there
     assert board_of(READY).obstacle("quarry", NOW_NS) is None
     assert board_of(READY).obstacle("quarry", NOW_NS + 500_000_000) is None
     steering = [DRIVING, DRIVING | {"mode": "STEERING"}, READY | {"mode": None}]
+    no_names: list[Any] = [None, [None, 7, {}]]
     others = [
         {board.obstacle("quarry", NOW_NS) for board in map(board_of, steering)},
-        {board_of(READY | {"routes": routes}).obstacle("quarry", NOW_NS) for routes in (None, [None, 7, {}])}
+        {board_of(READY | {"routes": routes}).obstacle("quarry", NOW_NS) for routes in no_names}
         | {board_of(READY).obstacle("nowhere", NOW_NS)},
         {Board().obstacle("quarry", NOW_NS), board_of(READY).obstacle("quarry", NOW_NS + 500_000_001)},
         {board_of(READY).obstacle("old road", NOW_NS)},
