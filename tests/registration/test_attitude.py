@@ -43,7 +43,7 @@ def fresh(channels: int = 9, wavelength_m: float = STEP_M) -> AttitudeEstimate:
     return AttitudeEstimate(RegisterOptions(), channels, wavelength_m, 1.0, np.zeros(3))
 
 
-@pytest.mark.parametrize("heading_deg", [-12.0, -6.0, 6.0, 12.0])
+@pytest.mark.parametrize("heading_deg", [-12.0, 6.0])
 def test_a_false_claim_is_contradicted_and_corrected(heading_deg: float) -> None:
     truth = np.array([0.2, np.radians(heading_deg), np.radians(-4.0)])
     off = []
@@ -57,7 +57,7 @@ def test_a_false_claim_is_contradicted_and_corrected(heading_deg: float) -> None
 
 def test_a_true_claim_is_left_alone() -> None:
     truth = np.array([0.01, CLAIMED_RAD, np.radians(0.2)])
-    changed = [np.any(drive(fresh(), truth, seed, 8.0).applied != 0.0) for seed in range(100)]
+    changed = [np.any(drive(fresh(), truth, seed, 8.0).applied != 0.0) for seed in range(40)]
     assert np.mean(changed) <= 0.1
 
 
@@ -115,26 +115,24 @@ def looks(*found: tuple[float, np.ndarray]) -> list[Look]:
     return [Look(0.1 * z, 0.1, 0.0, place) for z, place in found]
 
 
-@pytest.mark.parametrize(
-    ("found", "taken"),
-    [
-        # Nothing matches as the log has it, one attitude does.
-        ([(3.0, HERE), (3.2, ELSEWHERE), (9.0, BESIDE)], 2),
-        # Others lead to the same place: which of them is the true one does no harm.
-        ([(3.0, BESIDE), (8.5, BESIDE), (9.0, HERE)], 2),
-        # Ground that comes again on a bend: turned by as much, the next period fits about as well.
-        ([(7.0, HERE), (8.4, HERE), (9.0, ELSEWHERE)], None),
-        # The same where scores are high: a step between attitudes costs the true place more than noise does.
-        ([(10.0, HERE), (14.4, HERE), (15.5, ELSEWHERE)], None),
-        # Hardly better than the present one.
-        ([(8.0, HERE), (9.0, HERE)], None),
-        ([(8.0, HERE)], None),
-    ],
-)
-def test_another_attitude_is_taken_where_no_other_place_is_about_as_good(
-    found: list[tuple[float, np.ndarray]], taken: int | None
-) -> None:
-    assert better_attitude(looks(*found), apart_m=0.3) == taken
+ATTITUDES: list[tuple[list[tuple[float, np.ndarray]], int | None]] = [
+    # Nothing matches as the log has it, one attitude does.
+    ([(3.0, HERE), (3.2, ELSEWHERE), (9.0, BESIDE)], 2),
+    # Others lead to the same place: which of them is the true one does no harm.
+    ([(3.0, BESIDE), (8.5, BESIDE), (9.0, HERE)], 2),
+    # Ground that comes again on a bend: turned by as much, the next period fits about as well.
+    ([(7.0, HERE), (8.4, HERE), (9.0, ELSEWHERE)], None),
+    # The same where scores are high: a step between attitudes costs the true place more than noise does.
+    ([(10.0, HERE), (14.4, HERE), (15.5, ELSEWHERE)], None),
+    # Hardly better than the present one.
+    ([(8.0, HERE), (9.0, HERE)], None),
+    ([(8.0, HERE)], None),
+]
+
+
+def test_another_attitude_is_taken_where_no_other_place_is_about_as_good() -> None:
+    for found, taken in ATTITUDES:
+        assert better_attitude(looks(*found), apart_m=0.3) == taken, found
 
 
 @pytest.mark.parametrize("width_m", [0.7, 1.4])

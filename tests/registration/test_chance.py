@@ -19,7 +19,7 @@ RISK = 1e-4
 WINDOWS = len(LADDER_M)
 
 
-@pytest.mark.parametrize(("z", "rival"), [(3.0, 2.0), (2.5, 1.0), (2.2, 0.0), (4.0, 3.5)])
+@pytest.mark.parametrize(("z", "rival"), [(3.0, 2.0), (2.2, 0.0)])
 def test_no_resemblance_makes_a_mistake_more_probable_than_the_bound(z: float, rival: float) -> None:
     """The stated model, drawn: live data of the rival's ground, a best place that resembles it, noise in every number.
 
@@ -27,7 +27,7 @@ def test_no_resemblance_makes_a_mistake_more_probable_than_the_bound(z: float, r
     above the bound, and reaches it at the worst resemblance.
     """
     rng = np.random.default_rng(5)
-    numbers, draws, near = 6, 1_500_000, 0.05
+    numbers, draws, near = 6, 1_000_000, 0.05
     bound = float(p_rival(np.array(z), np.array(rival)))
     true = np.eye(numbers)[0]
     live = rival * true + rng.normal(size=(draws, numbers))
@@ -64,7 +64,7 @@ def claimed_z(chance: Chance, risk: float) -> np.ndarray:
 def test_the_risk_that_is_claimed_holds_on_a_gaussian_field() -> None:
     """Best of 200 places, exact tail, which falls faster than the fit's: no claim below the truth, none far above."""
     rng, places, true = np.random.default_rng(0), 200, []
-    for _ in range(40):
+    for _ in range(15):
         z = claimed_z(fit_chance(field_pieces(rng, 240, places), np.full((240, WINDOWS), 8.0), 240.0), RISK)
         true.append(-np.expm1(places * np.log1p(-norm.sf(z))))
     told = np.concatenate(true)
@@ -72,11 +72,10 @@ def test_the_risk_that_is_claimed_holds_on_a_gaussian_field() -> None:
     assert np.median(told) > 1e-7
 
 
-@pytest.mark.parametrize("scale", [2.0, 6.0])
-def test_the_risk_that_is_claimed_holds_on_an_exponential_tail(scale: float) -> None:
+def test_the_risk_that_is_claimed_holds_on_an_exponential_tail() -> None:
     """Nothing helps the fit here: z² falls exactly as it assumes, and its safety alone makes the claim hold."""
-    rng, told = np.random.default_rng(1), []
-    for _ in range(60):
+    rng, scale, told = np.random.default_rng(1), 6.0, []
+    for _ in range(40):
         square = 10.0 + rng.exponential(scale, size=(240, WINDOWS))
         z = claimed_z(fit_chance(np.sqrt(square), np.full((240, WINDOWS), 8.0), 240.0), RISK)
         told.append(np.exp(-(z**2 - 10.0) / scale))
@@ -120,18 +119,12 @@ def test_more_places_and_more_trials_have_more_chances() -> None:
 
 def test_other_lengths_are_judged_as_the_next_shorter_one() -> None:
     chance = POOLED._replace(start=np.arange(10.0, 10.0 + WINDOWS))
-    assert chance.for_windows((0.0, 0.5, 1.0, 3.9, 4.0, 10.0), 0.4).start.tolist() == [
-        10.0,
-        10.0,
-        11.0,
-        12.0,
-        13.0,
-        14.0,
-    ]
+    start = chance.for_windows((0.0, 0.5, 1.0, 3.9, 4.0, 10.0), 0.4).start
+    np.testing.assert_array_equal(start, [10.0, 10.0, 11.0, 12.0, 13.0, 14.0])
 
 
-@pytest.mark.parametrize("window_m", [0.0, 4.0])
-def test_a_single_search_is_asked_for_what_its_risk_takes(window_m: float) -> None:
+def test_a_single_search_is_asked_for_what_its_risk_takes() -> None:
+    window_m = 4.0
     thresholds = thresholds_at(RISK, window_m, 9.0, 0.4)
     own = POOLED.for_windows((window_m,), 0.4)
     p = p_foreign(np.array([thresholds.strength_by_chance]), np.array([9.0]), own, 1.0)
@@ -164,9 +157,7 @@ def test_lines_farther_apart_than_half_a_wavelength_widen_the_sigmas() -> None:
     )
     assert near == at_half
     assert beyond == pytest.approx(2.0**0.5 * near)
-
-
-def test_what_a_wider_gap_adds_where_a_line_is_left_out_is_not_the_map_s() -> None:
+    # What a wider gap adds where a line is left out is not the map's.
     squared = np.full(2000, 3.0)
     assert fit_sigma_scale(squared, 0.2, 0.4, 0.4)[0] == pytest.approx(1.5**0.5, rel=0.01)
     assert fit_sigma_scale(squared, 0.05, 0.1, 0.4)[0] == pytest.approx(3.0**0.5, rel=0.01)

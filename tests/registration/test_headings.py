@@ -74,7 +74,6 @@ def test_a_long_window_is_turned_before_it_climbs(case: tuple[Tile, Template, np
     tile, template, truth = case
     alone, turned = (finish(tile, template, headings) for headings in (1, 17))
     far = np.abs(truth[:, 2]) > np.radians(3.0)
-    print("off (m):", off_m(alone, truth).round(3), off_m(turned, truth).round(3))
     assert np.median(off_m(alone, truth)[far]) > 0.1
     assert off_m(turned, truth).max() < 0.03
     yaw = np.asarray(turned.pose)[:, 3]

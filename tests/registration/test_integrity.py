@@ -40,13 +40,10 @@ def test_the_covariance_is_the_inverse_of_the_information_and_the_prior() -> Non
     np.testing.assert_allclose(covariance(match), np.linalg.inv(information), rtol=1e-3, atol=1e-8)
 
 
-def test_a_flat_peak_leaves_the_region() -> None:
+def test_a_flat_peak_leaves_the_region_and_a_line_is_as_wide_as_a_step_aside() -> None:
+    """The map of a single channel: nothing tells where across it the vehicle stands, but that it stands on it."""
     flat = covariance(np.zeros((6, 6)))
     np.testing.assert_allclose(flat, np.diag(PRIOR_SIGMA[:5] ** 2), rtol=1e-4, atol=1e-9)
-
-
-def test_a_line_that_a_step_aside_leaves_is_as_wide_as_the_step() -> None:
-    """The map of a single channel: nothing tells where across it the vehicle stands, but that it stands on it."""
     sigma = np.sqrt(np.diag(covariance(np.zeros((6, 6)), (False, True))))
     assert sigma[0] == pytest.approx(PRIOR_SIGMA[0], rel=1e-3)
     assert sigma[1] == pytest.approx(CELL_M[1] / np.sqrt(3.0), rel=0.02)
@@ -56,37 +53,33 @@ T = Thresholds(strength_by_chance=5.0, margin_by_chance=1.0, overlap=0.6)
 GOOD = {"score": 0.7, "rival": 0.4, "floor": 0.12, "best_overlap": 1.0, "on_edge": False, "finite": True}
 
 
-@pytest.mark.parametrize(
-    ("change", "code"),
-    [
-        ({}, Code.OK),
-        ({"finite": False, "best_overlap": 0.0, "score": -1.0}, Code.NON_FINITE),
-        ({"best_overlap": 0.0, "score": -1.0}, Code.OFF_MAP),
-        ({"best_overlap": 0.59, "score": -1.0}, Code.LOW_OVERLAP),
-        ({"score": 0.59, "on_edge": True, "rival": 0.58}, Code.LOW_CORRELATION),
-        ({"score": 0.61}, Code.OK),
-        ({"score": 0.61, "floor": 0.13}, Code.LOW_CORRELATION),
-        ({"score": float("nan"), "rival": float("nan")}, Code.LOW_CORRELATION),
-        ({"score": float("-inf")}, Code.LOW_CORRELATION),
-        ({"on_edge": True, "rival": 0.7}, Code.EDGE),
-        ({"rival": 0.59}, Code.AMBIGUOUS),
-        ({"rival": 0.57}, Code.OK),
-        ({"rival": float("nan")}, Code.AMBIGUOUS),
-    ],
-)
-def test_the_first_reason_that_applies_is_the_code(change: dict[str, float | bool], code: Code) -> None:
-    given = {**GOOD, **change}
+CODES: list[tuple[dict[str, float | bool], Code]] = [
+    ({}, Code.OK),
+    ({"finite": False, "best_overlap": 0.0, "score": -1.0}, Code.NON_FINITE),
+    ({"best_overlap": 0.0, "score": -1.0}, Code.OFF_MAP),
+    ({"best_overlap": 0.59, "score": -1.0}, Code.LOW_OVERLAP),
+    ({"score": 0.59, "on_edge": True, "rival": 0.58}, Code.LOW_CORRELATION),
+    ({"score": 0.61}, Code.OK),
+    ({"score": 0.61, "floor": 0.13}, Code.LOW_CORRELATION),
+    ({"score": float("nan"), "rival": float("nan")}, Code.LOW_CORRELATION),
+    ({"score": float("-inf")}, Code.LOW_CORRELATION),
+    ({"on_edge": True, "rival": 0.7}, Code.EDGE),
+    ({"rival": 0.59}, Code.AMBIGUOUS),
+    ({"rival": 0.57}, Code.OK),
+    ({"rival": float("nan")}, Code.AMBIGUOUS),
+]
+
+
+def test_the_first_reason_that_applies_is_the_code() -> None:
     thresholds = Thresholds(*(jnp.float32(value) for value in T))
-    result = judge(
-        jnp.float32(given["score"]),
-        jnp.float32(given["rival"]),
-        jnp.float32(given["floor"]),
-        jnp.float32(given["best_overlap"]),
-        jnp.asarray(bool(given["on_edge"])),
-        jnp.asarray(bool(given["finite"])),
-        thresholds,
+    rows = [{**GOOD, **change} for change, _ in CODES]
+    score, rival, floor, overlap = (
+        jnp.asarray([row[name] for row in rows], dtype=jnp.float32)
+        for name in ("score", "rival", "floor", "best_overlap")
     )
-    assert int(result) == code
+    on_edge, finite = (jnp.asarray([bool(row[name]) for row in rows]) for name in ("on_edge", "finite"))
+    found = judge(score, rival, floor, overlap, on_edge, finite, thresholds)
+    assert [int(code) for code in found] == [code for _, code in CODES]
 
 
 def test_the_region_is_what_the_log_says_of_its_position() -> None:

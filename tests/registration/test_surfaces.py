@@ -251,11 +251,9 @@ def check(got: Peaks, wanted: Window, floor: float) -> None:
     assert bool(got.at_rim) == wanted.at_rim
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-@pytest.mark.parametrize("decoys", [40, 12])
-@pytest.mark.parametrize("half_m", [2.0, 3.5, 8.0])
-def test_a_window_is_the_sum_of_its_scans(seed: int, decoys: int, half_m: float) -> None:
-    stack = made_stack(seed, decoys)
+@pytest.mark.parametrize(("seed", "half_m"), [(0, 2.0), (1, 3.5), (2, 8.0)])
+def test_a_window_is_the_sum_of_its_scans(seed: int, half_m: float) -> None:
+    stack = made_stack(seed)
     first = np.array([[8, 6, 0], [5, 4, 2], [-1, 1, -1]])
     last = np.array([8, 5, 3])
     centre = np.array([[5.0, 5.0], [4.6, 5.3], [5.2, 4.4]])
@@ -282,7 +280,7 @@ def test_scans_before_a_window_are_none_of_its_business() -> None:
     stack = made_stack(3)
     loud = stack._replace(surfaces=stack.surfaces.copy())
     loud.surfaces[:4, :2] *= 100.0
-    first, last, centre = np.array([[6]]), np.array([8]), np.array([[5.0, 5.0]])
+    first, last, centre = np.full((3, 3), 6), np.full(3, 8), np.full((3, 2), 5.0)
     quiet, after = (peaks_of(each, first, last, centre, 8.0)[0] for each in (stack, loud))
     np.testing.assert_allclose(after.score, quiet.score, atol=1e-4)
     np.testing.assert_allclose(after.point, quiet.point, atol=1e-2)
@@ -291,10 +289,9 @@ def test_scans_before_a_window_are_none_of_its_business() -> None:
 def test_a_region_off_the_map_has_no_place() -> None:
     stack = made_stack(4)
     stack.surfaces[:, 2:] = 0.0
-    found, _ = peaks_of(stack, np.array([[3]]), np.array([8]), np.array([[5.0, 5.0]]), 3.0)
-    assert found.score[0, 0] == OFF_MAP_SCORE
-    assert found.overlap[0, 0] == 0.0
-    assert found.area[0, 0] == 0.0
+    found, _ = peaks_of(stack, np.full((3, 3), 3), np.full(3, 8), np.full((3, 2), 5.0), 3.0)
+    assert np.all(found.score == OFF_MAP_SCORE)
+    assert not np.any([found.overlap, found.area])
 
 
 def test_sums_of_a_long_drive_are_those_of_its_windows() -> None:
