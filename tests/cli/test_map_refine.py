@@ -4,30 +4,17 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 
+from canon.commands import run, succeed
 from canon.site import Site
-from lgprjax.cli import main
 from lgprjax.formats import MapFile
 from plane_ground import STEP_M, write_plane_map
 
 
-def run(*arguments: object) -> int:
-    """Exit status of a command."""
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    code = stopped.value.code
-    assert isinstance(code, int)
-    return code
-
-
-def test_two_baselines_of_a_road(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_baselines_of_a_road(site: Site, tmp_path: Path) -> None:
     """Their labels are right to a centimetre: hardly anything moves."""
     output, figures = tmp_path / "agreed.map.h5", tmp_path / "agreed.json"
-    assert run("map", "refine", site.map, "-o", output, "--json", figures) == 0
-    shown = capsys.readouterr().out
-    print(shown)
-    assert f"wrote {output}" in shown
+    assert f"wrote {output}" in succeed("map", "refine", site.map, "-o", output, "--json", figures)
     written = json.loads(figures.read_text())
     assert written["believed"] > 0.9 * written["used"] > 20
     assert all(row["moved_max_m"] < 0.05 for row in written["baselines"])
@@ -39,31 +26,29 @@ def test_two_baselines_of_a_road(site: Site, tmp_path: Path, capsys: pytest.Capt
         assert refined.chance is not None
         assert refined.chance.own
     # What is there is not replaced, and is refused before any work.
-    assert run("map", "refine", site.map, "-o", output) == 1
-    assert "one that exists" in capsys.readouterr().err
+    run("map", "refine", site.map, "-o", output).refusal.check("output", "--force", file=output)
 
 
-def test_one_baseline_has_nothing_to_agree_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_baseline_has_nothing_to_agree_with(tmp_path: Path) -> None:
     at_m = np.arange(0.0, 15.0, STEP_M)
     pose = np.stack([at_m, np.zeros_like(at_m), np.zeros_like(at_m)], axis=1)
-    write_plane_map(tmp_path / "lone.map.h5", [pose], [pose])
-    output = tmp_path / "agreed.map.h5"
-    assert run("map", "refine", tmp_path / "lone.map.h5", "-o", output, "--json", tmp_path / "lone.json") == 0
-    assert "all labels stay as they are" in capsys.readouterr().out
+    lone, output = tmp_path / "lone.map.h5", tmp_path / "agreed.map.h5"
+    write_plane_map(lone, [pose], [pose])
+    succeed("map", "refine", lone, "-o", output, "--json", tmp_path / "lone.json")
     written = json.loads((tmp_path / "lone.json").read_text())
     assert written["tried"] == 0
     assert written["baselines"][0]["sigma_after_m"] is None
-    with MapFile.open(output) as refined, MapFile.open(tmp_path / "lone.map.h5") as source:
+    with MapFile.open(output) as refined, MapFile.open(lone) as source:
         np.testing.assert_allclose(refined.pose, source.pose, atol=1e-4)
         # 15 m of one line are too little to tell.
         assert refined.chance is not None
         assert not refined.chance.own
 
 
-def test_a_map_that_is_none_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_map_that_is_none_is_bad_input(tmp_path: Path) -> None:
     broken = tmp_path / "broken.map.h5"
     broken.write_bytes(b"not a map")
-    assert run("map", "refine", broken, "-o", tmp_path / "agreed.map.h5") == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
+    done = run("map", "refine", broken, "-o", tmp_path / "agreed.map.h5")
+    assert done.status == 1
+    done.refusal.check("file", "HDF5", file=broken)
     assert [path.name for path in tmp_path.iterdir()] == ["broken.map.h5"]

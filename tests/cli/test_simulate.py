@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.cli import main
+from canon.commands import run, succeed
 from lgprjax.formats import DriveLog, check_file
 
 SITE = """
@@ -23,14 +23,6 @@ stop_m = 3
 """
 
 
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main(["simulate", *(str(a) for a in arguments)])
-    code = stopped.value.code
-    assert isinstance(code, int)
-    return code
-
-
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
     path = tmp_path / "tiny.toml"
@@ -38,42 +30,34 @@ def site(tmp_path: Path) -> Path:
     return path
 
 
-def test_drives_are_written_and_told(site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_drives_are_written_and_told(site: Path, tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
-    assert run(site, "-o", out) == 0
-    told = capsys.readouterr().out
+    told = succeed("simulate", site, "-o", out)
     assert all(word in told for word in ("one", "two", "frost", "clear"))
-    assert sorted(path.name for path in out.iterdir()) == ["one.drive.h5", "two.drive.h5"]
-    assert [finding for path in out.iterdir() for finding in check_file(path)] == []
-    with DriveLog.open(out / "two.drive.h5") as log:
+    one, two = (out / f"{name}.drive.h5" for name in ("one", "two"))
+    assert sorted(out.iterdir()) == [one, two]
+    assert [finding for path in (one, two) for finding in check_file(path)] == []
+    with DriveLog.open(two) as log:
         assert f" {log.scans} " in told
-    # The same again is refused and leaves the files as they are; one that is asked for alone is the same drive.
-    before = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
-    assert run(site, "-o", out) == 1
-    assert "one.drive.h5: output: expected a new file, or --force, found one that exists" in capsys.readouterr().err
-    with DriveLog.open(out / "two.drive.h5") as log:
         first, _ = log.read_traces(0, log.scans)
-    assert run(site, "-o", out, "--only", "two", "--force") == 0
-    assert before["one.drive.h5"] == (out / "one.drive.h5").stat().st_mtime_ns
-    assert before["two.drive.h5"] != (out / "two.drive.h5").stat().st_mtime_ns
-    with DriveLog.open(out / "two.drive.h5") as log:
+    # The same again is refused and leaves the files as they are; one that is asked for alone is the same drive.
+    before = one.stat().st_mtime_ns, two.stat().st_mtime_ns
+    run("simulate", site, "-o", out).refusal.check("output", "--force", file=one)
+    succeed("simulate", site, "-o", out, "--only", "two", "--force")
+    assert before[0] == one.stat().st_mtime_ns
+    assert before[1] != two.stat().st_mtime_ns
+    with DriveLog.open(two) as log:
         again, _ = log.read_traces(0, log.scans)
     assert (first == again).all()
 
 
-@pytest.mark.parametrize(
-    ("text", "options", "message"),
-    [
-        (SITE + "lane = 1", (), "drive[2].lane: expected a key, perhaps lane_m, found an unknown key"),
-        (SITE, ("--only", "three"), "--only: expected drives among one, two, found three"),
-    ],
-)
-def test_what_is_wrong_is_one_line_and_nothing_is_written(
-    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, options: tuple[str, ...], message: str
-) -> None:
-    site.write_text(text)
-    assert run(site, "-o", tmp_path / "out", *options) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert message in error
+def test_what_is_wrong_is_one_line_and_nothing_is_written(site: Path, tmp_path: Path) -> None:
+    out = ("-o", tmp_path / "out")
+    done = run("simulate", site, *out, "--only", "three")
+    assert (done.status, done.refusal.place) == (1, "--only")
+    done.refusal.check(None, "one, two", found="three")
+    site.write_text(SITE + "lane = 1")
+    done = run("simulate", site, *out)
+    assert done.status == 1
+    done.refusal.check("drive[2].lane", "lane_m", file=site)
     assert not (tmp_path / "out").exists()

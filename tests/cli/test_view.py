@@ -10,28 +10,13 @@ import segyio
 from matplotlib.figure import Figure
 
 import lgprjax as lx
+from canon.commands import run, succeed
 from canon.site import Site
 from formats.samples import dzt_header, make_description, write_drive, write_dt1
-from lgprjax.cli import main
 from lgprjax.formats import DriveWriter
 from lgprjax.report import LineView
 from lgprjax.report.views import stations_of_map, view_of_drive, view_of_profile
 from vendor_sets import COUNTS, write_iprb, write_mala_pair, write_segy
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder that commands are run in."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def run(*arguments: object) -> int:
-    """Exit status of a command."""
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    assert isinstance(stopped.value.code, int)
-    return stopped.value.code
 
 
 def profile_view(path: Path, **options: object) -> LineView:
@@ -61,11 +46,10 @@ VENDORS: dict[str, tuple[Callable[[Path], Path], float, float, float]] = {
 
 
 @pytest.mark.parametrize("vendor", VENDORS)
-def test_every_vendors_file_becomes_a_picture(vendor: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_vendors_file_becomes_a_picture(vendor: str, here: Path) -> None:
     make, first_ns, second_ns, start_m = VENDORS[vendor]
     path = make(here)
-    assert run("view", path) == 0
-    assert capsys.readouterr().out == f"wrote {path.stem}.png\n"
+    assert succeed("view", path) == f"wrote {path.stem}.png\n"
     assert (here / f"{path.stem}.png").read_bytes().startswith(b"\x89PNG")
     (radargram,) = profile_view(path).radargrams
     assert radargram.in_metres
@@ -77,102 +61,73 @@ def test_every_vendors_file_becomes_a_picture(vendor: str, here: Path, capsys: p
     np.testing.assert_array_equal(radargram.amplitude, recorded)
 
 
-def test_an_output_that_exists_is_kept(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = dt1(here)
-    (here / "line.png").write_text("mine")
-    assert run("view", path) == 1
-    assert (
-        capsys.readouterr().err == "lgprjax: line.png: output: expected a new file, or --force, found one that exists\n"
-    )
-    assert (here / "line.png").read_text() == "mine"
-    assert run("view", path, "--force") == 0
-    assert (here / "line.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_bad_files_are_told_in_one_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_files_and_outputs_are_told_in_one_line(here: Path) -> None:
     (here / "notes.txt").write_text("a line")
-    (here / "text.DT1").write_text("no radar")
     dt1(here).rename(here / "alone.DT1")
-    (here / "text.drive.h5").write_text("no HDF5")
-    (here / "text.map.h5").write_text("no HDF5")
-    (here / "text.DZT").write_text("no radar")
+    for name in ("text.DT1", "text.drive.h5", "text.map.h5", "text.DZT"):
+        (here / name).write_text("no radar")
     for name in (
-        "notes.txt",
-        "text.DT1",
-        "alone.DT1",
-        "missing.DZT",
-        "text.DZT",
-        "text.drive.h5",
-        "text.map.h5",
+        *("notes.txt", "text.DT1", "alone.DT1", "missing.DZT", "text.DZT", "text.drive.h5", "text.map.h5"),
         "no.drive.h5",
     ):
-        assert run("view", name) == 1, name
-        told = capsys.readouterr()
-        assert told.out == ""
-        assert told.err.startswith(f"lgprjax: {name}: "), told.err
-        assert "expected" in told.err
-        assert told.err.count("\n") == 1
+        done = run("view", name)
+        assert (done.status, done.out) == (1, ""), name
+        assert done.refusal.file == name
     assert not list(here.glob("*.png"))
-
-
-def test_several_files_go_to_a_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, second = write_iprb(here)
-    assert run("view", first, second, "-o", "out") == 0
-    assert sorted(path.name for path in (here / "out").iterdir()) == ["SITE_001_A01.png", "SITE_001_A02.png"]
     (here / "file").write_text("")
-    capsys.readouterr()
-    assert run("view", first, second, "-o", "file") == 1
-    assert "a folder" in capsys.readouterr().err
-    assert run("view", first, first) == 2
-    assert "names that differ" in capsys.readouterr().err
+    done = run("view", first, second, "-o", "file")
+    assert (done.status, done.refusal.file) == (1, "file")
+    path = dt1(here)
+    (here / "line.png").write_text("mine")
+    run("view", path).refusal.check("output", "--force", file="line.png")
+    assert (here / "line.png").read_text() == "mine"
+    for wrong in (
+        *((path, "-o", "a.html"), (path, "-o", "a.png", "--html"), (path, "--velocity-m-per-ns", 100), ()),
+        (first, first),
+    ):
+        done = run("view", *wrong)
+        assert (done.status, done.err.count("\n")) == (2, 1)
 
 
-def test_one_file_goes_where_it_is_told(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pictures_go_where_they_are_told(here: Path) -> None:
     path = dt1(here)
     (here / "out").mkdir()
-    assert run("view", path, "-o", "a.png", "--raw", "--velocity-m-per-ns", 0.08) == 0
-    assert run("view", path, "-o", "out") == 0
+    succeed("view", path, "-o", "a.png", "--raw", "--velocity-m-per-ns", 0.08)
+    succeed("view", path, "-o", "out")
+    succeed("view", path, "--html")
     assert (here / "a.png").is_file()
     assert (here / "out" / "line.png").is_file()
-    assert run("view", path, "--html") == 0
     assert (here / "line.html").read_text(encoding="utf-8").startswith("<!doctype html>")
-    capsys.readouterr()
-    for wrong in (("-o", "a.html"), ("-o", "a.png", "--html"), ("--velocity-m-per-ns", 100), ()):
-        files = (path,) if wrong else ()
-        assert run("view", *files, *wrong) == 2
-        assert capsys.readouterr().err.count("\n") == 1
+    succeed("view", *write_iprb(here), "-o", "both")
+    assert sorted(path.name for path in (here / "both").iterdir()) == ["SITE_001_A01.png", "SITE_001_A02.png"]
 
 
-def test_of_a_few_channels_all_are_drawn_and_of_many_the_middle_one(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_of_a_few_channels_all_are_drawn_and_of_many_the_middle_one(here: Path) -> None:
     path = here / "line.DZT"
     for channels, shown in ((2, ["channel 0", "channel 1"]), (5, ["channel 2"])):
         headers = dzt_header(channels=channels, word=1024 * channels) * channels
         path.write_bytes(headers + np.arange(10 * channels * 8, dtype="<u2").tobytes())
         assert [each.name for each in profile_view(path).radargrams] == shown
         # Python draws one of them, and says which.
-        assert (
-            lx.view(path, raw=True, ax=Figure().add_subplot())
-            .get_title()
-            .endswith(f"; channel {channels // 2} of 0 to {channels - 1}")
-        )
+        title = lx.view(path, raw=True, ax=Figure().add_subplot()).get_title()
+        assert title.endswith(f"; channel {channels // 2} of 0 to {channels - 1}")
     (one,) = profile_view(path, channel=4).radargrams
     assert one.name == "channel 4"
-    capsys.readouterr()
-    assert run("view", path, "--channel", 5) == 1
-    assert "--channel: expected 0 to 4, found 5" in capsys.readouterr().err
-    assert run("view", path, "--channel", 1) == 0
+    done = run("view", path, "--channel", 5)
+    assert done.status == 1
+    done.refusal.check("--channel", "0 to 4", found=5)
+    succeed("view", path, "--channel", 1)
 
 
 def test_a_segy_line_shows_where_it_lies_and_can_be_told_its_interval(here: Path) -> None:
     (path,) = write_segy(here, 4000)
-    assert run("view", path) == 1
-    assert run("view", path, "--sample-interval-ns", 0.2) == 0
+    assert run("view", path).status == 1
+    succeed("view", path, "--sample-interval-ns", 0.2)
     plan = profile_view(path, sample_interval_ns=0.2).plan
     assert plan is not None
     np.testing.assert_allclose(plan.east_m[:, 0], 0.05 * np.arange(12), atol=1e-6)
-    assert run("view", dt1(here), "--sample-interval-ns", 0.2, "--force") == 1
+    assert run("view", dt1(here), "--sample-interval-ns", 0.2, "--force").status == 1
     with segyio.open(str(path), "r+", ignore_geometry=True) as store:
         for index in range(12):
             store.header[index] = {89: 3, 71: -10000, 73: 70000 + index, 77: 480000}
@@ -194,14 +149,14 @@ def test_a_drive_shows_every_place_once(here: Path) -> None:
     assert first.in_metres
     assert (np.diff(first.along) > 0).all()
     assert first.time_ns[0] == pytest.approx(-1.5)
-    assert any("going back" in note for note in view.notes)
+    assert view.notes
     np.testing.assert_array_equal(first.amplitude[0], traces[0, 0].astype(np.float32) - 128.0)
     assert view.plan is not None
     assert view.plan.east_m.shape[1] == 3
     # It heads east: the leftmost channel lies farthest north.
     assert view.plan.north_m[0, 0] - view.plan.north_m[0, 2] == pytest.approx(2 * 0.127, abs=1e-6)
-    assert run("view", here / "a.drive.h5") == 0
-    assert run("view", here / "a.drive.h5", "--html") == 0
+    succeed("view", here / "a.drive.h5")
+    succeed("view", here / "a.drive.h5", "--html")
 
 
 def test_a_drive_in_reverse_is_shown_along_its_way(here: Path) -> None:
@@ -216,7 +171,7 @@ def test_a_drive_in_reverse_is_shown_along_its_way(here: Path) -> None:
     assert first.in_metres
     assert (np.diff(first.along) > 0).all()
     np.testing.assert_array_equal(first.amplitude[-1], traces[-1, 0].astype(np.float32) - 128.0)
-    assert view.notes == ("The drive goes farthest in reverse: distance is counted that way.",)
+    assert len(view.notes) == 1
 
 
 def test_a_drive_that_stands_is_counted(here: Path) -> None:
@@ -227,7 +182,7 @@ def test_a_drive_that_stands_is_counted(here: Path) -> None:
         writer.append(np.arange(5) / 126, np.zeros((5, 3, 8), np.uint8))
     view = drive(path)
     assert not view.radargrams[0].in_metres
-    assert run("view", path) == 0
+    succeed("view", path)
 
 
 def test_a_drive_of_sweeps_becomes_traces(here: Path) -> None:
@@ -243,8 +198,7 @@ def test_a_drive_of_sweeps_becomes_traces(here: Path) -> None:
     view = drive(path)
     radargram = view.radargrams[1]
     assert radargram.time_ns[int(np.argmax(radargram.amplitude[0]))] == pytest.approx(30.0, abs=1.0)
-    assert "sweeps calibrated" in radargram.steps[0]
-    assert run("view", path) == 0
+    assert "sweeps" in radargram.steps[0]
 
 
 def test_a_map_is_seen_from_above(site: Site, here: Path) -> None:
@@ -255,10 +209,10 @@ def test_a_map_is_seen_from_above(site: Site, here: Path) -> None:
     np.testing.assert_array_equal(own.time_ns, stations.time_ns[3:4])
     np.testing.assert_array_equal(own.level[:, 0], stations.level[:, 3])
     assert np.hypot(np.ptp(stations.east_m), np.ptp(stations.north_m)) == pytest.approx(40.0, abs=5.0)
-    assert run("view", site.map, site.logs["live"]) == 0
+    succeed("view", site.map, site.logs["live"])
     assert {path.name for path in here.iterdir()} == {"site.map.png", f"{site.logs['live'].stem}.png"}
-    assert run("view", site.map, "--html") == 0
-    assert run("view", site.map, "--raw", "--force") == 2
+    succeed("view", site.map, "--html")
+    assert run("view", site.map, "--raw", "--force").status == 2
 
 
 @pytest.mark.real
@@ -286,5 +240,5 @@ def test_real_files_lie_as_their_bytes_say(real_data: Path, here: Path) -> None:
         ("flagogna", "XLINE020.DT1"),
         ("gpr_o_parallel_lines", "XLINE01.DT1"),
     ):
-        assert run("view", real_data / folder / name) == 0
+        succeed("view", real_data / folder / name)
         assert (here / name).with_suffix(".png").is_file()
