@@ -61,7 +61,7 @@ def test_cut_file(tmp_path: Path, name: str) -> None:
         assert _numbers(cut.cut) == [2, 3 if header is None else traces]
         assert cut.positions_m is None or len(cut.positions_m) == 2
     # No whole trace, and one more than the header says.
-    bad = {data[: before + 1]: (), data[: before + trace_bytes - 1]: ()}
+    bad: dict[bytes, tuple[int, ...]] = {data[: before + 1]: (), data[: before + trace_bytes - 1]: ()}
     bad |= {} if header is None else {data + data[:trace_bytes]: (6, 7)}
     for size, values in bad.items():
         path.write_bytes(size)

@@ -8,7 +8,7 @@ import pytest
 
 from lgprjax.scene.motion import drive_straight, half_turn_angles
 from lgprjax.scene.vehicle_drive import VehicleSensors, drive_manoeuvre, read_vehicle
-from lgprjax.tuning import NotExcitedError, find_pauses, fit_encoder, potentiometer_of_counts
+from lgprjax.tuning import DriveSignals, NotExcitedError, find_pauses, fit_encoder, potentiometer_of_counts
 from refusals import refused
 from turning_drives import covered_band
 from validation.vehicles.intervals import STILL, VEHICLE, encoder_shares, still_truth
@@ -82,7 +82,7 @@ def test_logs_that_cannot_tell_are_refused() -> None:
         **{name: getattr(STILL, name)[one_way] for name in ("time_s", "wanted_rad", "speed_mps", "supply_v")}
     )
     noise = np.random.default_rng(0).uniform(0.0, 5.0, count)
-    made = [
+    made: list[tuple[DriveSignals, tuple[int, ...]]] = [
         (read_vehicle(VEHICLE, told, drive_manoeuvre(VEHICLE, told), VehicleSensors(), 0), values)
         for told, values in ((straight, ()), (half, (10, 0)))
     ]
