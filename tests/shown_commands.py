@@ -1,11 +1,15 @@
-"""The commands that the pages show: in blocks, and in the running text."""
+"""The commands that the pages show, in blocks and in the running text, and the blocks that are run as they stand."""
 
 import re
 import shlex
 from pathlib import Path
 
+from canon.commands import shell, succeed
+
 ROOT = Path(__file__).parents[1]
-# The tutorial is run as a whole, by tests/test_docs.py.
+# Pages whose marked blocks are run in their order, by tests/test_docs.py; the tutorial shows nothing else.
+TUTORIAL = ROOT / "docs" / "tutorial.md"
+HOW_TO = tuple(ROOT / "docs" / f"{name}.md" for name in ("own_radar", "own_vehicle", "from_ros2"))
 PAGES = sorted(
     path
     for path in [*(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md"), *ROOT.glob("[a-z]*/README.md")]
@@ -18,8 +22,7 @@ _WITHOUT_SAYING = {"register": ["M.map.h5", "D.drive.h5", "-o", "R"]}
 _BLOCK = re.compile(r"(?:^```sh\n(?:.*?)^```)|(?:^(?: {4}.*\n)+)", re.MULTILINE | re.DOTALL)
 _SHOWN = re.compile(r"^\s*(lgprjax .*)$", re.MULTILINE)
 _INLINE = re.compile(r"`(lgprjax [a-z][^`|]*)`")
-
-
+_MARKED = re.compile(r"^<!-- run -->\n```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _BENCHMARK = re.compile(r"`(python -m benchmarks [a-z][^`]*)`")
 
 
@@ -32,11 +35,38 @@ def _plain(line: str) -> str:
     return re.split(r"\s{2,}#", line)[0].strip()
 
 
+def _commands(blocks: list[str]) -> list[str]:
+    lines = [line for block in blocks for line in _SHOWN.findall(block.replace("\\\n", " "))]
+    return [re.sub(r"\s+", " ", _plain(line)) for line in lines]
+
+
 def shown_in_blocks(page: Path) -> list[str]:
     """Commands of a page's blocks, a line each."""
-    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-    lines = [line for block in _BLOCK.findall(text) for line in _SHOWN.findall(block)]
-    return [re.sub(r"\s+", " ", _plain(line)) for line in lines]
+    return _commands(_BLOCK.findall(page.read_text(encoding="utf-8")))
+
+
+def marked_blocks(page: Path) -> list[tuple[str, str]]:
+    """Language, sh or python, and text of each block that is to be run."""
+    return _MARKED.findall(page.read_text(encoding="utf-8"))
+
+
+def run_as_it_stands(page: Path) -> list[str]:
+    """Commands of the blocks that are run."""
+    return _commands([text for language, text in marked_blocks(page) if language == "sh"])
+
+
+def python_of(page: Path) -> list[str]:
+    """Every block of Python."""
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def follow(language: str, text: str) -> None:
+    """Run a block in the present folder; every command must succeed."""
+    if language == "python":
+        exec(text, {})
+    else:
+        for words in shell(text):
+            succeed(*words)
 
 
 def shown_in_text(page: Path) -> list[str]:

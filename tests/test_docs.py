@@ -1,9 +1,10 @@
-"""The pages: the tutorial runs in its order in an empty folder, links lead somewhere, the site needs no network."""
+"""The pages: tutorial and how-to pages run in their order in an empty folder, links lead somewhere, the site needs no
+network."""
 
+import contextlib
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -12,22 +13,24 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+import pyogrio
 import pytest
+from rosbags.highlevel import AnyReader
 
-import lgprjax
 from benchmarks.__main__ import Name
 from benchmarks.page import filled_page
 from benchmarks.records import Record
+from formats.mcap_sample import curved_fixes, write_curved
 from formats.samples import write_dt1
-from lgprjax.formats import DriveLog, TraceRecording, read_fixes
+from formats.test_signal_tables import columns, write_csv
+from lgprjax.formats import DriveLog, TraceRecording, export_mcap, read_fixes
 from lgprjax.simulation import read_site
 from runtime.display.browser import open_tab
+from shown_commands import HOW_TO, TUTORIAL, follow, marked_blocks, python_of
 from validation.worlds.table import markdown_of, read_figures
 
 _ROOT = Path(__file__).parents[1]
 _PAGES = sorted([*(_ROOT / "docs").glob("*.md"), *_ROOT.glob("*.md"), *_ROOT.glob("[a-z]*/README.md")])
-_BLOCK = re.compile(r"^<!-- run -->\n```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-_PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
@@ -36,17 +39,18 @@ def _anchor(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
 
 
-@pytest.mark.parametrize("page", _PAGES, ids=lambda page: str(page.relative_to(_ROOT)))
-def test_links_lead_to_files_and_headings(page: Path) -> None:
-    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    for link in _LINK.findall(text):
-        if link.startswith(("http:", "https:")):
-            continue
-        path, _, anchor = link.partition("#")
-        target = (page.parent / path).resolve() if path else page
-        assert target.exists(), f"{page.name}: {link}"
-        if anchor:
-            assert anchor in {_anchor(each) for each in _HEADING.findall(target.read_text(encoding="utf-8"))}, link
+def test_links_lead_to_files_and_headings() -> None:
+    for page in _PAGES:
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for link in _LINK.findall(text):
+            if link.startswith(("http:", "https:")):
+                continue
+            path, _, anchor = link.partition("#")
+            target = (page.parent / path).resolve() if path else page
+            assert target.exists(), f"{page.name}: {link}"
+            if anchor:
+                headings = map(_anchor, _HEADING.findall(target.read_text(encoding="utf-8")))
+                assert anchor in headings, f"{page.name}: {link}"
 
 
 def _lines_of_a_drive(drive: Path, folder: Path) -> None:
@@ -70,23 +74,15 @@ def _lines_of_a_drive(drive: Path, folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def tutorial(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder in which all of the tutorial's commands were run."""
-    folder, programs = tmp_path_factory.mktemp("tutorial"), tmp_path_factory.mktemp("bin")
-    command = programs / "lgprjax"
-    command.write_text(f"#!{sys.executable}\nfrom lgprjax.cli import main\n\nmain()\n")
-    command.chmod(0o755)
-    path = f"{programs}{os.pathsep}{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "PYTHONPATH": str(Path(lgprjax.__file__).parents[1])}
-    blocks = _BLOCK.findall((_ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8"))
+    """The folder in which all of the tutorial's blocks were run, in their order."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    blocks = marked_blocks(TUTORIAL)
     assert len(blocks) >= 5
-    for number, (language, text) in enumerate(blocks):
-        run = ["bash", "-euo", "pipefail", "-c", text] if language == "sh" else [sys.executable, "-c", text]
-        done = subprocess.run(
-            run, cwd=folder, env=environment, capture_output=True, text=True, timeout=400, check=False
-        )
-        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
-        if number == 0:
-            _lines_of_a_drive(folder / "drives" / "baseline.drive.h5", folder)
+    with contextlib.chdir(folder):
+        for number, block in enumerate(blocks):
+            follow(*block)
+            if number == 0:
+                _lines_of_a_drive(folder / "drives" / "baseline.drive.h5", folder)
     return folder
 
 
@@ -120,15 +116,17 @@ def test_the_reference_names_modules_that_there_are() -> None:
     assert [name for name in names if find_spec(f"lgprjax.{name}") is None] == []
 
 
-@pytest.mark.parametrize("path", sorted((_ROOT / "docs" / "records").glob("*.json")), ids=lambda path: path.stem)
-def test_records_are_those_of_a_benchmark_and_say_whether_goals_are_met(path: Path) -> None:
-    told = json.loads(path.read_text(encoding="utf-8"))
-    other = told.get("command", "").startswith(("python -m validation.worlds.", "python -m validation.surveys."))
-    assert other or path.stem.removeprefix("gpu_") in get_args(Name)
-    assert "cores" in told["machine"]
-    for kept in told["records"]:
-        record = Record(**{key: value for key, value in kept.items() if key != "met"})
-        assert record.met == kept["met"]
+def test_records_are_those_of_a_benchmark_and_say_whether_goals_are_met() -> None:
+    paths = sorted((_ROOT / "docs" / "records").glob("*.json"))
+    assert paths
+    for path in paths:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        other = told.get("command", "").startswith(("python -m validation.worlds.", "python -m validation.surveys."))
+        assert other or path.stem.removeprefix("gpu_") in get_args(Name), path
+        assert "cores" in told["machine"]
+        for kept in told["records"]:
+            record = Record(**{key: value for key, value in kept.items() if key != "met"})
+            assert record.met == kept["met"], path
 
 
 def test_the_tables_of_the_page_are_those_of_the_records() -> None:
@@ -144,12 +142,8 @@ def test_the_tables_of_the_worlds_are_those_of_their_record() -> None:
         assert table.strip() in page
 
 
-def _python_of(page: str) -> list[str]:
-    return _PYTHON.findall((_ROOT / "docs" / page).read_text(encoding="utf-8"))
-
-
 def test_the_filter_of_the_page_moves_as_it_says(capsys: pytest.CaptureFixture[str]) -> None:
-    (text,) = _python_of("navigation.md")
+    (text,) = python_of(_ROOT / "docs/navigation.md")
     exec(text, {})
     first, last = (re.findall(r"-?[\d.]+(?= m)", line) for line in capsys.readouterr().out.splitlines())
     assert float(first[0]) == pytest.approx(0.30 - 0.29, abs=0.006)
@@ -157,13 +151,13 @@ def test_the_filter_of_the_page_moves_as_it_says(capsys: pytest.CaptureFixture[s
 
 
 def test_the_skid_steer_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    step, field = _python_of("skid_steer.md")
+    step, field = python_of(_ROOT / "docs/skid_steer.md")
     exec(step, {})
     assert capsys.readouterr().out.endswith("False\n")
-    # A quarter of a minute of the field instead of nine.
+    # Some seconds of the field instead of nine minutes.
     assert "moments=26_000" in field
     scope: dict[str, Any] = {}
-    exec(field.replace("moments=26_000", "moments=750"), scope)
+    exec(field.replace("moments=26_000", "moments=150"), scope)
     assert np.isfinite(np.asarray(scope["kept"].x_m)).all()
 
 
@@ -173,15 +167,50 @@ def test_the_site_of_the_page_is_one(tmp_path: Path) -> None:
     assert [drive.name for drive in read_site(tmp_path / "road.toml").drives] == ["first", "again"]
 
 
-def test_the_tables_of_the_page(tutorial: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copyfile(tutorial / "drives" / "live.drive.h5", tutorial / "X.drive.h5")
-    shutil.copyfile(tutorial / "result" / "live.fixes.h5", tutorial / "result" / "X.fixes.h5")
-    monkeypatch.chdir(tutorial)
-    scope: dict[str, Any] = {}
-    (text,) = _python_of("transfer.md")
-    exec(text, scope)
-    assert len(scope["beside"]) == len(scope["ok"]) > 0
-    assert scope["beside"]["valid_channels"].notna().all()
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder that blocks are run in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def _follow(page: Path) -> None:
+    for block in marked_blocks(page):
+        follow(*block)
+
+
+@pytest.mark.usefixtures("here")
+def test_bring_your_own_radar() -> None:
+    _follow(HOW_TO[0])
+    with DriveLog.open("first.drive.h5") as log:
+        assert (log.scans, log.channels, log.samples) == (500, 11, 256)
+    assert Path("first.png").stat().st_size > 10_000
+
+
+@pytest.mark.usefixtures("here")
+def test_bring_your_own_vehicle() -> None:
+    write_csv(Path("LOG.csv"), columns())
+    _follow(HOW_TO[1])
+    assert Path("log.drive.h5").is_file()
+
+
+@pytest.mark.usefixtures("here")
+def test_from_ros2() -> None:
+    write_curved(Path("x.drive.h5"), "int16", scans=120)
+    export_mcap("x.drive.h5", "RECORDING.mcap")
+    Path("result").mkdir()
+    curved_fixes(Path("result"), "drive", scans=120)
+    _follow(HOW_TO[2])
+    assert Path("out.mcap").stat().st_size > 10_000
+    with AnyReader([Path("out.bag")]) as one, AnyReader([Path("out.db3")]) as two:
+        assert one.message_count == two.message_count > 300
+    # Times, places and quaternions, as evo reads them; a pose a scan, and a pose a fix.
+    assert np.loadtxt("gnss.tum").shape == (120, 8)
+    assert np.loadtxt("fixes.tum").shape == (40, 8)
+    # By the library that QGIS reads with.
+    fixes = pyogrio.raw.read("fixes.geojson")
+    assert {"code", "correlation", "sigma_cross_m"} <= set(fixes[0]["fields"])
+    assert len(fixes[2]) == 41
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import jax
 import jax.numpy as jnp
 import matplotlib as mpl
@@ -21,6 +22,7 @@ from matplotlib.axes import Axes
 
 import lgprjax as lx
 from canon.site import Site
+from canon.trench import first_scans
 from frozen.recordings import lay_out
 from lgprjax.api.inputs import whole_number
 from lgprjax.api.maps import Map
@@ -34,6 +36,7 @@ from lgprjax.pso import SwarmResult
 from lgprjax.report import WRONG_M
 from lgprjax.tuning.look_ahead import TrialCourses, TunedVehicle, sweep_look_ahead
 from lgprjax.vehicle import line_course
+from refusals import refusal_in, refused
 
 _ROOT = Path(__file__).parents[1]
 _SESSION = """
@@ -69,6 +72,12 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
     for name in ("made_up.vehicle.toml", "made_up_flail.vehicle.toml", "field.geojson"):
         shutil.copyfile(_ROOT / "onboard" / name, folder / name)
     lay_out("field", folder / "field")
+    # The village with 40 m of its road, which is the site of other tests: a file of that name goes before the example.
+    village = (_ROOT / "sites" / "village.toml").read_text(encoding="utf-8")
+    for key, whole, part in (("length_m", 70, 40), ("stop_m", 65, 35), ("stop_m", 60, 30)):
+        assert f"{key} = {whole}\n" in village
+        village = village.replace(f"{key} = {whole}\n", f"{key} = {part}\n")
+    (folder / "village").write_text(village, encoding="utf-8")
     scope: dict[str, Any] = {}
     with contextlib.chdir(folder):
         lx.simulate("tuning/drives.toml", "out/drives", only=["palm_tree", "palm_tree_again"])
@@ -114,7 +123,7 @@ def test_one_name_or_log_is_several_of_one(tmp_path: Path) -> None:
 
 
 def test_a_study_file_takes_no_logs_or_options_beside_it(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"call: logs, degree: expected vehicle beside them"):
+    with refused("logs, degree", "vehicle"):
         lx.tune(_ROOT / "tuning" / "k_ratio.toml", logs=[tmp_path / "none"], degree=3)
 
 
@@ -331,8 +340,7 @@ def test_a_clean_file_has_a_table_of_findings_without_rows(site: Site) -> None:
 
 
 def test_fixes_have_no_channel_to_zoom_into(session: tuple[Path, dict[str, Any]]) -> None:
-    said = r"call: channel, raw, velocity_m_per_ns: expected a recording, to which these apply, found fixes"
-    with pytest.raises(InputError, match=said):
+    with refused("channel, raw, velocity_m_per_ns"):
         lx.zoom(session[1]["fixes"], channel=1)
 
 
@@ -357,7 +365,7 @@ def test_axes_of_ones_own_are_drawn_on(session: tuple[Path, dict[str, Any]], ope
 def test_reprs_say_what_things_are(session: tuple[Path, dict[str, Any]], batch: Batch, vehicle: Vehicle) -> None:
     _, names = session
     drive, site = names["drives"]["live"], names["site"]
-    assert repr(drive).startswith(f"Drive 'live': {drive.scans} scans of 11 channels, 55.")
+    assert repr(drive).startswith(f"Drive 'live': {drive.scans} scans of 11 channels, 25.")
     assert repr(site).startswith(f"Map 'site': {site.stations} stations of 11 channels on 2 baselines, ")
     told = names["fixes"].summary
     assert repr(names["fixes"]).startswith(f"Fixes of 'live' on 'site': {told.scans} scans, {told.ok} of {told.tried} ")
@@ -375,7 +383,7 @@ def test_a_drive_that_cannot_be_read_is_among_the_failed(site: Site, tmp_path: P
     many = lx.register_many(site.map, [broken, tmp_path / "none.drive.h5"], tmp_path / "out")
     assert not list(many)
     assert set(many.failed) == {"broken", "none"}
-    assert "broken.drive.h5: file: expected a whole HDF5 file" in many.failed["broken"]
+    assert f"{broken}: file: " in many.failed["broken"]
     assert repr(many) == f"ManyFixes: 0 drives, 2 failed ({tmp_path / 'out'})"
 
 
@@ -383,30 +391,32 @@ def test_fixes_are_saved_as_the_command_line_does(session: tuple[Path, dict[str,
     saved = session[1]["fixes"].save(tmp_path / "saved")
     assert lx.check(saved).ok
     assert lx.check(saved.with_name("live.fixes.h5")).ok
-    with pytest.raises(InputError, match="force=True"):
+    with refused("output", "force=True"):
         session[1]["fixes"].save(tmp_path / "saved")
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(InputError, match="file: expected a folder or file that can be used, found "):
+    with refused("file"):
         session[1]["fixes"].save(tmp_path / "file" / "folder")
 
 
-def test_fixes_of_a_file_that_was_replaced_are_not_saved(
-    session: tuple[Path, dict[str, Any]], site: Site, tmp_path: Path
-) -> None:
-    copy = tmp_path / "site.map.h5"
+def test_fixes_of_a_file_that_was_replaced_are_not_saved(site: Site, tmp_path: Path) -> None:
+    copy, other = tmp_path / "site.map.h5", tmp_path / "other.map.h5"
     shutil.copyfile(site.map, copy)
+    shutil.copyfile(site.map, other)
+    with h5py.File(other, "r+") as store:
+        store["chance"].attrs["pieces"] = 17.0
     with lx.open_map(copy) as opened:
         before = opened.sha256
-        fixes = lx.register(opened, site.logs["live"], options=lx.RegisterOptions(search_m=1.5, window_m=0.0))
+        short = first_scans(site.logs["live"], tmp_path / "short.drive.h5", 120)
+        fixes = lx.register(opened, short, options=lx.RegisterOptions(search_m=1.5, window_m=0.0))
     copy.unlink()
-    shutil.copyfile(session[0] / "site.map.h5", copy)
-    with pytest.raises(InputError, match="expected the file that the fixes were made from, found one written since"):
+    shutil.copyfile(other, copy)
+    with refused(file=copy):
         fixes.save(tmp_path / "saved")
     assert not (tmp_path / "saved").exists()
     with lx.open_map(copy) as opened:
         copy.unlink()
         shutil.copyfile(site.map, copy)
-        with pytest.raises(InputError, match="expected the file that was opened, found one written since"):
+        with refused(file=copy):
             _ = opened.sha256
     assert before == file_hash(copy)
 
@@ -425,213 +435,186 @@ def _options(**values: object) -> lx.RegisterOptions:
 
 
 def _calls(folder: Path, site: Site) -> dict[str, tuple[Any, str]]:
+    """Calls that are refused: file (``call`` for an argument), place and values that are named; empty where any do."""
     vehicle = _ROOT / "onboard" / "made_up.vehicle.toml"
     flail = _ROOT / "onboard" / "made_up_flail.vehicle.toml"
     live = site.logs["live"]
     return {
         "no file": (lambda: lx.open_drive(folder / "none.drive.h5"), "none.drive.h5: file: "),
-        "no path": (lambda: lx.open_drive(3), "call: drive: expected a path or an open drive, found int 3"),  # type: ignore[arg-type]
-        "another file": (lambda: lx.open_map(live), "live.drive.h5: "),
-        "no site": (
-            lambda: lx.simulate("vilage", folder),
-            "vilage: site: expected a site file, or an example site among array_sweeps, kilometre, lookalike, ",
+        "no path": (
+            lambda: lx.open_drive(3),  # type: ignore[arg-type]
+            "call: drive: 3",
         ),
-        "no drive of it": (
-            lambda: lx.simulate("village", folder, only=["x"]),
-            "village.toml: only: expected drives among",
-        ),
-        "no drives": (lambda: lx.build_map([], folder / "m.map.h5"), "call: drive: expected at least one, found none"),
+        "another file": (lambda: lx.open_map(live), "live.drive.h5: : "),
+        "no site": (lambda: lx.simulate("vilage", folder), "vilage: site: array_sweeps"),
+        "no drive of it": (lambda: lx.simulate("village", folder, only=["x"]), "village.toml: only: "),
+        "no drives": (lambda: lx.build_map([], folder / "m.map.h5"), "call: drive: "),
         "a frequency": (
             lambda: lx.build_map(live, folder / "m.map.h5", centre_frequency_mhz=0.1),
-            "centre_frequency_mhz",
+            ": centre_frequency_mhz: ",
         ),
-        "a map that is there": (
-            lambda: lx.build_map(live, site.map),
-            "expected a new file, or force=True, found one that",
-        ),
+        "a map that is there": (lambda: lx.build_map(live, site.map), ": : force=True"),
         "a search": (
             lambda: lx.register(site.map, live, options=lx.RegisterOptions(search_m=-1.0)),
-            "call: search_m: expected a length in metres, above zero, found -1",
+            "call: search_m: -1",
         ),
-        "a map over its drive": (
-            lambda: lx.build_map(live, live, force=True),
-            "live.drive.h5: output: expected another file than those that are read",
-        ),
-        "a map over itself": (
-            lambda: lx.open_map(site.map).refine(site.map, force=True),
-            "site.map.h5: output: expected another file than those that are read",
-        ),
+        "a map over its drive": (lambda: lx.build_map(live, live, force=True), "live.drive.h5: output: "),
+        "a map over itself": (lambda: lx.open_map(site.map).refine(site.map, force=True), "site.map.h5: output: "),
         "half a seed": (
             lambda: lx.register(site.map, live, options=_options(seed=0.5)),
-            "call: seed: expected a whole number, 0 to 2.14748e+09, found 0.5",
+            "call: seed: 0, 2.14748e+09, 0.5",
         ),
-        "a swarm of three": (
-            lambda: lx.register(site.map, live, options=_options(swarm=3)),
-            "call: swarm: expected SwarmConfig, found 3",
-        ),
-        "a word for a risk": (
-            lambda: lx.register(site.map, live, options=_options(risk="low")),
-            "call: risk: expected a number, found 'low'",
-        ),
+        "a swarm of three": (lambda: lx.register(site.map, live, options=_options(swarm=3)), "call: swarm: 3"),
+        "a word for a risk": (lambda: lx.register(site.map, live, options=_options(risk="low")), "call: risk: 'low'"),
         "sides that are numbers": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, sides=[1]),  # type: ignore[list-item]
-            "call: sides: expected texts such as",
+            "call: sides: ",
         ),
         "an outage without a confidence": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, drop_out_s=30.0),
-            "call: drop_out_s: expected confidence beside it, found 30 alone",
+            "call: drop_out_s: 30",
         ),
         "no clearance": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, clearance_m=None),  # type: ignore[arg-type]
-            "call: clearance_m: expected a number, found None",
+            "call: clearance_m: ",
         ),
-        "no options": (lambda: lx.register(site.map, live, options=2.5), "call: options: expected RegisterOptions"),  # type: ignore[arg-type]
+        "no options": (
+            lambda: lx.register(site.map, live, options=2.5),  # type: ignore[arg-type]
+            "call: options: ",
+        ),
         "two crews": (
             lambda: lx.register_many(site.map, [live], folder / "out", workers=1, scheduler="tcp://x:1"),
-            "workers, scheduler: expected one of them, found both",
+            ": workers, scheduler: ",
         ),
-        "no scans": (
-            lambda: lx.open_map(site.map).batch(live, slice(9, 9)),
-            "scans: expected a slice that holds some of",
+        "no scans": (lambda: lx.open_map(site.map).batch(live, slice(9, 9)), ": scans: "),
+        "a window": (lambda: lx.open_map(site.map).batch(live, slice(9), window_m=-1.0), ": window_m: 0, 30"),
+        "a channel": (lambda: lx.view(live, channel=11), "live.drive.h5: channel: 0, 10, 11"),
+        "a speed": (lambda: lx.view(live, velocity_m_per_ns=1.0), "call: velocity_m_per_ns: 0"),
+        "a kind": (
+            lambda: lx.course("spiral"),  # type: ignore[arg-type]
+            "course: kind: ",
         ),
-        "a window": (lambda: lx.open_map(site.map).batch(live, slice(9), window_m=-1.0), "window_m: expected 0 to 30"),
-        "a channel": (
-            lambda: lx.view(live, channel=11),
-            "live.drive.h5: channel: expected 0 to 10, found 11",
-        ),
-        "a speed": (
-            lambda: lx.view(live, velocity_m_per_ns=1.0),
-            "call: velocity_m_per_ns: expected metres per nanosecond, above 0",
-        ),
-        "a kind": (lambda: lx.course("spiral"), "course: kind: expected line, offset, arc, curve, eight, or points"),  # type: ignore[arg-type]
-        "an argument": (
-            lambda: lx.course("line", radius_m=3.0),
-            "course: radius_m: expected no such argument of 'line'",
-        ),
-        "a radius": (lambda: lx.course("arc", radius_m=0.1), "course: radius: expected at least 0.5 m, found 0.1 m"),
+        "an argument": (lambda: lx.course("line", radius_m=3.0), "course: radius_m: 'line'"),
+        "a radius": (lambda: lx.course("arc", radius_m=0.1), "course: radius: 0.5, 0.1"),
         "a skid-steer one": (
             lambda: lx.rollout(lx.open_vehicle(flail), lx.course("line"), 3.0),
-            "made_up_flail.vehicle.toml: steering_kind: expected counter_steer",
+            "made_up_flail.vehicle.toml: steering_kind: counter_steer",
         ),
         "a counter-steered one": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", vehicle),
-            "steering_kind",
+            ": steering_kind: ",
         ),
         "an overlap": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, overlap=1.0),
-            "overlap: expected a fraction from 0 to below 1",
+            ": overlap: 0, 1",
         ),
         "a duration": (
             lambda: lx.tracking_cost(3.0, lx.open_vehicle(vehicle), lx.course("line"), duration_s=0.0),
-            "call: duration_s: expected a positive number",
+            "call: duration_s: ",
         ),
         "no vehicle": (
             lambda: lx.tracking_cost(3.0, vehicle, lx.course("line")),  # type: ignore[arg-type]
-            "call: vehicle: expected what open_vehicle() gives",
+            "call: vehicle: open_vehicle()",
         ),
-        "a folder": (lambda: lx.open_drive(folder), "file: expected a "),
-        "a map for a drive": (lambda: lx.register(site.map, site.map), "site.map.h5: "),
-        "a drive for a map": (lambda: lx.register(live, live), "live.drive.h5: "),
-        "several for one": (lambda: lx.register(site.map, [live]), "call: drive: expected a path or an open drive"),  # type: ignore[arg-type]
-        "a table for a study": (lambda: lx.tune(_ROOT / "onboard" / "field.geojson"), "field.geojson: "),
-        "a table for a site": (lambda: lx.simulate(_ROOT / "README.md", folder), "README.md: file: expected TOML"),
-        "one scan": (lambda: lx.open_drive(live).traces(3), "call: scans: expected a slice, as slice(0, 512), found 3"),  # type: ignore[arg-type]
-        "half a channel": (lambda: lx.view(live, channel=1.5), "call: channel: expected a whole number, found 1.5"),  # type: ignore[arg-type]
-        "a map to zoom": (lambda: lx.zoom(site.map), "site.map.h5: file: expected a recording, found a map"),
-        "no axes": (lambda: lx.view(live, ax="x"), "call: ax: expected axes of matplotlib, found 'x'"),  # type: ignore[arg-type]
+        "a folder": (lambda: lx.open_drive(folder), ": file: "),
+        "a map for a drive": (lambda: lx.register(site.map, site.map), "site.map.h5: : "),
+        "a drive for a map": (lambda: lx.register(live, live), "live.drive.h5: : "),
+        "several for one": (
+            lambda: lx.register(site.map, [live]),  # type: ignore[arg-type]
+            "call: drive: ",
+        ),
+        "a table for a study": (lambda: lx.tune(_ROOT / "onboard" / "field.geojson"), "field.geojson: : "),
+        "a table for a site": (lambda: lx.simulate(_ROOT / "README.md", folder), "README.md: file: "),
+        "one scan": (
+            lambda: lx.open_drive(live).traces(3),  # type: ignore[arg-type]
+            "call: scans: slice(0, 512), 3",
+        ),
+        "half a channel": (
+            lambda: lx.view(live, channel=1.5),  # type: ignore[arg-type]
+            "call: channel: 1.5",
+        ),
+        "a map to zoom": (lambda: lx.zoom(site.map), "site.map.h5: file: "),
+        "no axes": (
+            lambda: lx.view(live, ax="x"),  # type: ignore[arg-type]
+            "call: ax: 'x'",
+        ),
         "a word for a number": (
             lambda: lx.view(live, velocity_m_per_ns="x"),  # type: ignore[arg-type]
-            "call: velocity_m_per_ns: expected a number, found 'x'",
+            "call: velocity_m_per_ns: 'x'",
         ),
         "half a worker": (
             lambda: lx.register_many(site.map, [live], folder / "out", workers=1.5),  # type: ignore[arg-type]
-            "call: workers: expected a whole number, found 1.5",
+            "call: workers: 1.5",
         ),
-        "a closed map": (
-            lambda: _closed(site.map).batch(live),
-            "site.map.h5: file: expected an open map",
-        ),
-        "a closed map's plot": (lambda: lx.register(_closed(site.map), live), "expected an open map, found closed"),
+        "a closed map": (lambda: _closed(site.map).batch(live), "site.map.h5: file: "),
+        "a closed map's plot": (lambda: lx.register(_closed(site.map), live), ": : "),
         "points of one": (
             lambda: lx.course([[0.0, 0.0], [1.0]]),  # type: ignore[arg-type]
-            "course: points: expected an array [point, 2]",
+            "course: points: 2]",
         ),
-        "an endless course": (lambda: lx.course("line", length_m=1e9), "course: length_m: expected more than 0 and"),
+        "an endless course": (lambda: lx.course("line", length_m=1e9), "course: length_m: 0"),
         "no look-ahead": (
             lambda: lx.rollout(lx.open_vehicle(vehicle), lx.course("line"), 0.0),
-            "call: look_ahead_m: expected a number above 0, or an array of them, found 0.0",
+            "call: look_ahead_m: 0, 0.0",
         ),
         "a heading": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, heading_deg=-900.0),
-            "call: heading_deg: expected 0 to 360, found -900",
+            "call: heading_deg: 0, 360, -900",
         ),
-        "no plans": (
-            lambda: lx.record_coverage([], folder, folder / "x.worked.h5"),
-            "plan: expected at least one",
-        ),
-        "a record's name": (lambda: lx.record_coverage(folder, folder, folder / "x.h5"), "a name that ends in .worked"),
-        "no record": (lambda: lx.open_worked(live), "live.drive.h5: "),
-        "a vehicle's name": (
-            lambda: lx.open_vehicle(vehicle).save(folder / "x.txt"),
-            "a name that ends in .vehicle",
-        ),
+        "no plans": (lambda: lx.record_coverage([], folder, folder / "x.worked.h5"), ": plan: "),
+        "a record's name": (lambda: lx.record_coverage(folder, folder, folder / "x.h5"), ": : .worked"),
+        "no record": (lambda: lx.open_worked(live), "live.drive.h5: : "),
+        "a vehicle's name": (lambda: lx.open_vehicle(vehicle).save(folder / "x.txt"), ": : .vehicle"),
         "no study": (lambda: lx.tune(folder / "none.toml"), "none.toml: file: "),
         "a word for a speed": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, speed_mps="a"),  # type: ignore[arg-type]
-            "call: speed_mps: expected a number, found 'a'",
+            "call: speed_mps: 'a'",
         ),
         "a word for a confidence": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, confidence="x"),  # type: ignore[arg-type]
-            "call: confidence: expected a number, found 'x'",
+            "call: confidence: 'x'",
         ),
         "a number of sides": (
             lambda: lx.plan_coverage(_ROOT / "onboard" / "field.geojson", flail, sides=3),  # type: ignore[arg-type]
-            "call: sides: expected texts such as",
+            "call: sides: ",
         ),
-        "no points": (
-            lambda: lx.course(np.zeros((0, 2))),
-            "course: points: expected an array [point, 2], found one of",
-        ),
-        "a huge arc": (
-            lambda: lx.course("arc", radius_m=1e6),
-            "course: radius_m, turn_deg: expected a course of at most 100000 m, found one of",
-        ),
-        "a huge eight": (lambda: lx.course("eight", radius_m=1e5), "course: radius_m: expected a course of at most"),
+        "no points": (lambda: lx.course(np.zeros((0, 2))), "course: points: 2]"),
+        "a huge arc": (lambda: lx.course("arc", radius_m=1e6), "course: radius_m, turn_deg: 100000"),
+        "a huge eight": (lambda: lx.course("eight", radius_m=1e5), "course: radius_m: "),
         "far points": (
             lambda: lx.course([[0.0, 0.0], [1e9, 1.0], [0.0, 2.0]]),  # type: ignore[arg-type]
-            "course: points: expected a course of at most 100000 m",
+            "course: points: 100000",
         ),
         "an array of hands": (
             lambda: lx.course("arc", hand=np.array(["left", "right"])),  # type: ignore[arg-type]
-            "course: hand: expected left or right",
+            "course: hand: ",
         ),
         "uneven look-aheads": (
             lambda: lx.rollout(lx.open_vehicle(vehicle), lx.course("line"), [3.0, [2.0]]),  # type: ignore[arg-type]
-            "call: look_ahead_m: expected a number above 0, or an array of them",
+            "call: look_ahead_m: 0",
         ),
         "two look-aheads at three speeds": (
             lambda: lx.rollout(
                 lx.open_vehicle(vehicle), lx.course("line"), np.array([3.0, 2.0]), speed_mps=np.array([1.0, 2.0, 3.0])
             ),
-            "call: look_ahead_m, speed_mps, course: expected shapes that go together, found (2,), (3,), ()",
+            "call: look_ahead_m, speed_mps, course: (2,), (3,)",
         ),
         "a word for an effort": (
             lambda: lx.tracking_cost(3.0, lx.open_vehicle(vehicle), lx.course("line"), effort_m2="x"),  # type: ignore[arg-type]
-            "call: effort_m2: expected a number of at least 0, or an array of them, found 'x'",
+            "call: effort_m2: 0, 'x'",
         ),
-        "a time below the map": (
-            lambda: lx.view(site.map, travel_time_ns=500.0),
-            "call: travel_time_ns: expected above 0 and at most ",
-        ),
-        "no format": (lambda: lx.check(_ROOT / "README.md"), "README.md: file name: expected a suffix among"),
+        "a time below the map": (lambda: lx.view(site.map, travel_time_ns=500.0), "call: travel_time_ns: 0"),
+        "no format": (lambda: lx.check(_ROOT / "README.md"), "README.md: file name: "),
     }
 
 
 @pytest.mark.parametrize("what", _calls(Path(), Site(Path(), {"live": Path()}, Path())))
 def test_wrong_input_is_told_in_one_line(what: str, site: Site, tmp_path: Path) -> None:
     call, told = _calls(tmp_path, site)[what]
+    file, place, values = told.split(": ")
     with pytest.raises(InputError) as caught:
         call()
-    assert told in str(caught.value)
+    refusal_in(caught.value).check(place or None, *values.split(", "), file=file or None)
+    # No option of the command line.
     assert "--" not in str(caught.value)
     assert not list(tmp_path.iterdir())

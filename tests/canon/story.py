@@ -9,7 +9,7 @@ what each said and which files it wrote.
 import json
 import shutil
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -25,6 +25,8 @@ COMMANDS = (
     "simulate site.toml -o drives",
     "map build drives/left.drive.h5 drives/right.drive.h5 -o m.map.h5",
     "map info m.map.h5 --json info.json",
+    "map build drives/left.drive.h5 -o small.map.h5 --centre-frequency-mhz 200 --precision small",
+    "map info small.map.h5 --json -",
     f"register m.map.h5 {_ALL} -o default --workers 1 --threads 1",
     f"register m.map.h5 drives/live.drive.h5 -o forced {_FORCED} --json forced.json",
     f"register m.map.h5 drives/rain.drive.h5 -o few {_FORCED}",
@@ -71,7 +73,7 @@ class Story(NamedTuple):
         """The command that begins with these words, or that comes so many commands of this beginning later."""
         return [step for step in self.steps if step.words.startswith(words)][time]
 
-    def json(self, name: str) -> object:
+    def json(self, name: str) -> Any:
         """A file of figures."""
         return json.loads((self.folder / name).read_text(encoding="utf-8"))
 

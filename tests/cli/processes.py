@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 _CODE = "import sys; from lgprjax.cli import main; main(sys.argv[1:])"
 
 
-def lgprjax(*arguments: str, limit_s: float = 600.0) -> Done:
+def lgprjax(*arguments: str, limit_s: float = 1200.0) -> Done:
     """The command in a process of its own."""
     command = [sys.executable, "-c", _CODE, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=False, env=os.environ)

@@ -66,7 +66,7 @@ BAD_LOGS: dict[str, tuple[Callable[[bytes], bytes] | Callable[[h5py.File], None]
         (0.001, 1000, -0.1),
     ),
     "time not rising": (swap_times, "/radar/time_s", ()),
-    "newer schema": (attribute("/", "schema_version", "2.0"), "/@schema_version", ("2.0",)),
+    "newer schema": (attribute("/", "schema_version", "2.0"), "@schema_version", ("2.0",)),
     "one scan": (one_scan, "/radar/time_s", (2, 1)),
 }
 
@@ -76,7 +76,7 @@ def test_bad_log_is_one_line_and_status_1(case: str, site: Site, short: Path, tm
     change, place, values = BAD_LOGS[case]
     bad = tmp_path / "bad.drive.h5"
     if place == "file":
-        bad.write_bytes(change(short.read_bytes()))  # type: ignore[arg-type]
+        bad.write_bytes(change(short.read_bytes()))
     else:
         shutil.copyfile(short, bad)
         with h5py.File(bad, "r+") as store:
@@ -214,6 +214,15 @@ def test_full_disk_is_one_line_and_leaves_nothing_half_written(
     # What was finished before the disk was full is whole.
     files = [tmp_path / name for name in left if name.endswith((".h5", ".csv"))]
     assert not files or succeed("check", *files)
+
+
+def test_a_map_is_built_as_it_is_asked_for(story: Story) -> None:
+    usual, asked = story.json("info.json"), json.loads(story.step("map info", 1).done.out)
+    assert [each["precision"] for each in (usual, asked)] == ["standard", "small"]
+    # 0.3 to 2 times the centre frequency, 250 MHz by the log.
+    assert [each["band_mhz"] for each in (usual, asked)] == [[75.0, 500.0], [60.0, 400.0]]
+    assert asked["baselines"] == 1
+    assert asked["bytes_per_m_traces"] < usual["bytes_per_m_traces"]
 
 
 def test_map_info(site: Site, tmp_path: Path) -> None:

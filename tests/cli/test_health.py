@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -10,111 +11,79 @@ import pandas as pd
 import pytest
 
 import lgprjax as lx
+from canon.commands import run, succeed
 from canon.site import Site
-from lgprjax.cli import main
 from vendor_sets import write_segy
 
 
-def run(*arguments: object) -> int:
-    """Exit status of a command."""
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    code = stopped.value.code
-    assert isinstance(code, int)
-    return code
+def health_of(drive: Path) -> tuple[str, dict[str, Any]]:
+    """What is shown, and what is written."""
+    figures = drive.with_suffix(".json")
+    figures.unlink(missing_ok=True)
+    shown = succeed("check", drive, "--health", "--json", figures)
+    (health,) = json.loads(figures.read_text())["health"]
+    return shown, health
 
 
-def one_line(text: str) -> str:
-    assert text.count("\n") == 1
-    return text.strip()
-
-
-def test_check_health_of_a_damaged_drive(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_health_of_a_damaged_drive(short: Path, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged.drive.h5"
-    shutil.copyfile(site.logs["live"], damaged)
+    shutil.copyfile(short, damaged)
     with h5py.File(damaged, "r+") as store:
         store["radar/traces"][:, 3] = 128
-    assert run("check", damaged, "--health", "--json", tmp_path / "health.json") == 0
-    shown = capsys.readouterr().out
+    shown, health = health_of(damaged)
     assert "dead_channels" in shown
     assert "channel 3" in shown
-    assert "recording bad" in shown
-    written = json.loads((tmp_path / "health.json").read_text())
-    (health,) = written["health"]
-    assert written["findings"] == []
     assert health["verdict"] == "bad"
     dead = next(row for row in health["figures"] if row["name"] == "dead_channels")
     assert dead["where"][0]["channel"] == 3
+    assert json.loads(damaged.with_suffix(".json").read_text())["findings"] == []
+    # Without --health findings alone are written.
+    assert json.loads(succeed("check", damaged, "--json", "-")) == []
 
 
-def test_check_says_what_was_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_says_what_was_assumed(tmp_path: Path) -> None:
     """With --health as a verdict of its own that turns the whole neither good nor bad; without it in a line."""
     drive = tmp_path / "line.drive.h5"
-    assert run("import", "segy", *write_segy(tmp_path), "-o", drive) == 0
-    told = capsys.readouterr().out
-    assert "assumed, as no instrument recorded it: time (unknown), speed (1 m/s), odometry (" in told
-    assert run("check", drive) == 0
-    shown = capsys.readouterr().out
-    assert "place on the earth (latitude 0, longitude 0)" in shown
-    assert "not recorded" in shown
-    assert run("check", drive, "--health", "--json", tmp_path / "health.json") == 0
-    shown = capsys.readouterr().out
-    (health,) = json.loads((tmp_path / "health.json").read_text())["health"]
-    assert shown.splitlines()[-1].endswith(f"; not recorded, and not judged: {', '.join(health['assumed'])}")
-    assert f"recording {health['verdict']};" in shown
+    for told in (succeed("import", "segy", *write_segy(tmp_path), "-o", drive), succeed("check", drive)):
+        assert "time (unknown)" in told
+        assert "odometry (" in told
+    shown, health = health_of(drive)
+    assert shown.splitlines()[-1].endswith(f": {', '.join(health['assumed'])}")
     jitter = next(row for row in health["figures"] if row["name"] == "time_jitter")
     assert (jitter["verdict"], jitter["value"], jitter["look"]) == ("not recorded", None, None)
-    assert "not recorded: time_jitter: no instrument recorded time (unknown)" in shown
 
 
-def test_a_drive_without_radar_is_judged_by_its_odometry_and_gnss(
-    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_drive_without_radar_is_judged_by_its_odometry_and_gnss(short: Path, tmp_path: Path) -> None:
     plain = tmp_path / "plain.drive.h5"
-    shutil.copyfile(site.logs["live"], plain)
+    shutil.copyfile(short, plain)
     with h5py.File(plain, "r+") as store:
         del store["radar"], store["array"]
-    assert run("check", plain, "--health", "--json", tmp_path / "health.json") == 0
-    shown = capsys.readouterr().out
-    assert "not measured: radar and its clock: a drive without radar" in shown
-    (health,) = json.loads((tmp_path / "health.json").read_text())["health"]
+    shown, health = health_of(plain)
     assert (health["kind"], health["scans"]) == ("no radar", 0)
     assert {"gnss_outage", "odometer_scale"} <= {row["name"] for row in health["figures"]}
-    assert shown.splitlines()[-1] == f"{plain}: recording {health['verdict']}"
+    assert shown.splitlines()[-1].endswith(health["verdict"])
     checked = lx.check(plain, health=True).health
     assert checked is not None
     assert (checked.kind, checked.verdict) == ("no radar", health["verdict"])
-    # Without GNSS at that time there is nothing to judge, and that is said.
+    # Without GNSS at that time there is nothing to judge.
     with h5py.File(plain, "r+") as store:
         store["gnss_ins/time_s"][:] += 1e4
-    assert run("check", plain, "--health") == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"{plain}: nothing could be judged"
+    assert not {"good", "bad", "look"} & set(succeed("check", plain, "--health").splitlines()[-1].split())
 
 
-def test_check_without_health_writes_findings_as_before(site: Site, tmp_path: Path) -> None:
-    assert run("check", site.logs["live"], "--json", tmp_path / "plain.json") == 0
-    assert json.loads((tmp_path / "plain.json").read_text()) == []
-
-
-def test_health_of_what_is_no_drive_is_wrong_usage(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("check", site.map, "--health") == 2
-    assert "--health" in one_line(capsys.readouterr().err)
-
-
-def test_health_of_a_broken_log_is_bad_input(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_health_of_what_is_no_drive(site: Site, short: Path, tmp_path: Path) -> None:
+    done = run("check", site.map, "--health")
+    assert (done.status, done.about) == (2, "--health")
     broken = tmp_path / "broken.drive.h5"
-    broken.write_bytes(site.logs["live"].read_bytes()[:20_000])
-    assert run("check", broken, "--health") == 1
-    assert "recording" not in capsys.readouterr().out
+    broken.write_bytes(short.read_bytes()[:20_000])
+    assert run("check", broken, "--health").status == 1
 
 
-def test_map_verify_writes_tables_and_a_picture(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_verify_writes_tables_and_a_picture(site: Site, tmp_path: Path) -> None:
     folder = tmp_path / "verified"
-    assert run("map", "verify", site.map, "--output", folder, "--json", tmp_path / "map.json") == 0
-    shown = capsys.readouterr().out
+    shown = succeed("map", "verify", site.map, "--output", folder, "--json", tmp_path / "map.json")
     for kind in ("coverage", "holes", "weak", "ambiguous", "offset", "disagreement"):
         assert kind in shown
-    assert "a kilometre of route" in shown
     assert {path.name for path in folder.iterdir()} == {
         *("places.csv", "agreement.csv", "strips.png", "passes.png", "findings.json")
     }
@@ -126,15 +95,8 @@ def test_map_verify_writes_tables_and_a_picture(site: Site, tmp_path: Path, caps
     for picture in ("strips.png", "passes.png"):
         assert (folder / picture).read_bytes().startswith(b"\x89PNG")
     # What is there is not replaced, and is refused before any work.
-    assert run("map", "verify", site.map, "--output", folder) == 1
-    assert "--force" in one_line(capsys.readouterr().err)
-
-
-def test_map_verify_of_a_broken_map_is_bad_input(
-    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    assert "--force" in run("map", "verify", site.map, "--output", folder).refusal.expected
     broken = tmp_path / "broken.map.h5"
     broken.write_bytes(site.map.read_bytes()[:5_000])
-    assert run("map", "verify", broken, "--output", tmp_path / "out") == 1
-    assert "broken.map.h5" in one_line(capsys.readouterr().err)
+    assert run("map", "verify", broken, "--output", tmp_path / "out").refusal.file == str(broken)
     assert not (tmp_path / "out").exists()

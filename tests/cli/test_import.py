@@ -12,7 +12,7 @@ from formats.samples import dzt_header, write_dt1
 from formats.side_samples import cor_row
 from formats.survey_sample import write_survey
 from lgprjax.cli.recognised import recognised
-from lgprjax.formats import DriveLog
+from lgprjax.formats import DriveLog, TraceRecording
 from vendor_sets import COUNTS, write_cmu, write_gprmax, write_iprb, write_mala_pair, write_segy
 
 _VERBS: dict[str, tuple[Callable[[Path], list[Path]], str, tuple[object, ...], int]] = {
@@ -22,7 +22,7 @@ _VERBS: dict[str, tuple[Callable[[Path], list[Path]], str, tuple[object, ...], i
     "segy": (write_segy, "segy", (), 1),
     "segy told": (lambda folder: write_segy(folder, 4000), "segy", ("--sample-interval-ns", 0.2), 1),
     "gprmax": (write_gprmax, "gprmax", ("--sample-interval-ns", 0.2), 1),
-    "cmu": (write_cmu, "cmu", ("--time-window-ns", 8), 1),
+    "cmu": (write_cmu, "cmu", ("--time-window-ns", 8, "--time-zero-ns", 0.4), 1),
     "lines of rd7": (lambda folder: write_mala_pair(folder, ".rd7"), "lines", ("--line-spacing-m", 0.5), 1),
     "lines of iprb": (write_iprb, "lines", ("--line-spacing-m", 0.5), 2),
     "lines of segy": (write_segy, "lines", ("--line-spacing-m", 0.5), 1),
@@ -44,7 +44,10 @@ def test_import_check_and_what_is_in_it(case: str, tmp_path: Path) -> None:
     assert valid.all()
     if verb != "gprmax":
         np.testing.assert_array_equal(traces, np.repeat(COUNTS[:, None], channels, axis=1))
-    assert description.recording.sample_interval_ns == pytest.approx(0.2)  # type: ignore[union-attr]
+    assert isinstance(description.recording, TraceRecording)
+    assert description.recording.sample_interval_ns == pytest.approx(0.2)
+    if "--time-zero-ns" in options:
+        assert description.recording.time_zero_ns == options[-1]
     np.testing.assert_allclose(description.odometry.distance_m, 0.05 * np.arange(12), atol=1e-6)
     np.testing.assert_allclose(description.navigation.heading_deg, 30.0, atol=1e-3)
     assert abs(description.navigation.latitude_deg[0] - 48) < 1e-5

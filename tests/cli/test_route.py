@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from canon.commands import run, succeed
 from canon.site import Site
-from lgprjax.cli import main
+from canon.story import Story
 from lgprjax.formats import read_route
 
 _VEHICLE = """
@@ -25,37 +26,26 @@ anchor_m = 6.5
 """
 
 
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main([str(each) for each in ("route", *arguments)])
-    assert isinstance(stopped.value.code, int)
-    return stopped.value.code
-
-
-def test_routes_are_listed(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("list", site.map, "--json", tmp_path / "r.json") == 0
-    assert "baseline_right" in capsys.readouterr().out
-    held = json.loads((tmp_path / "r.json").read_text())
-    assert [each["route"] for each in held["routes"]] == ["baseline_left", "baseline_right"]
+def test_routes_are_listed(story: Story) -> None:
+    assert "right" in story.step("route list").done.out
+    held = story.json("routes.json")
+    assert [each["route"] for each in held["routes"]] == ["left", "right"]
     for each in held["routes"]:
-        assert 34.0 < each["length_m"] < 41.0
-        # The generated road begins eastward at 42° N, 71° W.
-        assert abs(each["start_heading_deg"] - 90.0) < 5.0
+        assert 20.0 < each["length_m"] < 25.0
+        # The site's road begins at 35 degrees at 42° N, 71° W.
+        assert abs(each["start_heading_deg"] - 35.0) < 5.0
         assert abs(each["start_latitude_deg"] - 42.0) < 1e-3
-    assert run("list", site.map, "--json", tmp_path / "r.json") == 1
-    assert "one that exists" in capsys.readouterr().err
 
 
-def test_a_stretch_is_selected_and_exported(site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stretch_is_selected_and_exported(site: Site, story: Story, tmp_path: Path) -> None:
     vehicle, path = tmp_path / "v.vehicle.toml", tmp_path / "x.route.toml"
     vehicle.write_text(_VEHICLE.format(largest=0.5))
     options = ("--from-m", 5, "--to-m", 25, "--against", "--cruise-mps", 2.5, "--vehicle", vehicle)
-    assert run("select", site.map, "baseline_right", "-o", path, *options) == 0
-    assert "20.0 m in 1 leg" in capsys.readouterr().out
+    assert "20.0 m" in succeed("route", "select", site.map, "baseline_right", "-o", path, *options)
     route = read_route(path)
     assert (route.from_m, route.to_m, route.direction, route.cruise_mps) == (5.0, 25.0, "against", 2.5)
 
-    assert run("export", path, "-o", tmp_path / "w.csv") == 0
+    succeed("route", "export", path, "-o", tmp_path / "w.csv")
     with (tmp_path / "w.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert abs(float(rows[-1]["arc_m"]) - 20.0) < 0.15
@@ -63,54 +53,50 @@ def test_a_stretch_is_selected_and_exported(site: Site, tmp_path: Path, capsys: 
     assert all(abs(float(row["heading_deg"]) - 270.0) < 8.0 for row in rows)
     assert float(rows[0]["longitude_deg"]) > float(rows[-1]["longitude_deg"])
     assert max(float(row["speed_mps"]) for row in rows) == 2.5
-    for name in ("w.gpx", "w.geojson"):
-        assert run("export", site.map, "baseline_left", "-o", tmp_path / name) == 0
-        assert (tmp_path / name).stat().st_size > 10_000
-
-
-def test_a_route_that_the_vehicle_cannot_drive_is_refused(
-    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    vehicle = tmp_path / "v.vehicle.toml"
-    # Straight wheels, or nearly: no road of this world.
-    vehicle.write_text(_VEHICLE.format(largest=0.001))
-    path = tmp_path / "x.route.toml"
-    assert run("select", site.map, "baseline_left", "-o", path, "--vehicle", vehicle) == 1
-    told = capsys.readouterr().err
-    assert "m along the route: expected a radius of at least" in told
-    assert told.count("\n") == 1
-    assert not path.exists()
+    whole = json.loads((story.folder / "w.geojson").read_text())
+    points = next(each["geometry"] for each in whole["features"] if each["geometry"]["type"] == "LineString")
+    assert len(points["coordinates"]) > 90
+    assert (story.folder / "w.gpx").read_text(encoding="utf-8").count("<trkpt") > 90
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "message"),
+    ("words", "status", "about", "values"),
     [
-        (("select", "MAP", "nowhere", "-o", "DIR/x.route.toml"), 1, "expected one of baseline_left, baseline_right"),
-        (("select", "MAP", "baseline_left", "-o", "DIR/x.toml"), 2, "ends in .route.toml"),
+        ("select MAP nowhere -o DIR/x.route.toml", 1, "MAP: route", ("baseline_left, baseline_right", "nowhere")),
+        ("select MAP baseline_left -o DIR/x.toml", 2, "-o", (".route.toml",)),
         (
-            ("select", "MAP", "baseline_left", "-o", "DIR/x.route.toml", "--from-m", "30", "--to-m", "20"),
+            "select MAP baseline_left -o DIR/x.route.toml --from-m 30 --to-m 20",
             1,
-            "a stretch",
+            "DIR/x.route.toml: from_m, to_m",
+            (30, 20),
         ),
-        (("select", "MAP", "baseline_left", "-o", "DIR/x.route.toml", "--cruise-mps", "0"), 1, "cruise_mps"),
-        (("select", "DIR/none.map.h5", "baseline_left", "-o", "DIR/x.route.toml"), 1, "none.map.h5"),
-        (("export", "MAP", "-o", "DIR/w.csv"), 2, "ROUTE: expected the name of one"),
-        (("export", "MAP", "baseline_left", "-o", "DIR/w.kml"), 1, "suffix .csv, .geojson or .gpx"),
-        (("export", "DIR/none.route.toml", "-o", "DIR/w.csv"), 1, "a readable file"),
-        (("export", "DIR/none.route.toml", "baseline_left", "-o", "DIR/w.csv"), 2, "expected none with a route file"),
+        ("select MAP baseline_left -o DIR/x.route.toml --cruise-mps 0", 1, "route: cruise_mps", (0,)),
+        ("select DIR/none.map.h5 baseline_left -o DIR/x.route.toml", 1, "DIR/none.map.h5: file", ()),
+        # Straight wheels, or nearly: no road of this world.
+        ("select MAP baseline_left -o DIR/x.route.toml --vehicle STIFF", 1, "DIR/x.route.toml: baseline_left: ", ()),
+        ("export MAP -o DIR/w.csv", 2, "ROUTE", ()),
+        ("export MAP baseline_left -o DIR/w.kml", 1, "DIR/w.kml: output", (".csv, .geojson", ".gpx")),
+        ("export DIR/none.route.toml -o DIR/w.csv", 1, "DIR/none.route.toml: file", ()),
+        ("export DIR/none.route.toml baseline_left -o DIR/w.csv", 2, "ROUTE", ()),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_leaves_nothing(
-    arguments: tuple[str, ...],
+    words: str,
     status: int,
-    message: str,
+    about: str,
+    values: tuple[object, ...],
     site: Site,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    named = [each.replace("MAP", str(site.map)).replace("DIR", str(tmp_path)) for each in arguments]
-    assert run(*named) == status
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    stiff = tmp_path_factory.mktemp("stiff") / "v.vehicle.toml"
+    stiff.write_text(_VEHICLE.format(largest=0.001))
+
+    def filled(text: str) -> str:
+        return text.replace("MAP", str(site.map)).replace("DIR", str(tmp_path)).replace("STIFF", str(stiff))
+
+    done = run("route", *filled(words).split())
+    assert done.status == status
+    assert done.about.startswith(filled(about))
+    assert [value for value in values if str(value) not in done.err] == []
     assert list(tmp_path.iterdir()) == []

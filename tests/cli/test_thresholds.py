@@ -7,17 +7,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from canon.commands import run, succeed
 from canon.site import Site
-from lgprjax.cli import main
-
-
-def run(*arguments: object) -> int:
-    """Exit status of a command."""
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    code = stopped.value.code
-    assert isinstance(code, int)
-    return code
+from canon.trench import first_scans
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +17,8 @@ def calibrated(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Thresholds of windows of 2 m, on the site's own live drive: shorter ones leave its 25 m too coarse a tail."""
     folder = tmp_path_factory.mktemp("thresholds")
     path, figures = folder / "site.thresholds.toml", folder / "figures.json"
-    status = run(
-        "thresholds", site.map, site.logs["live"], "-o", path, "--window-m", 2, "--risk", 1e-3, "--json", figures
-    )
-    assert status == 0
+    risk = ("--window-m", 2, "--risk", 1e-3, "--json", figures)
+    succeed("thresholds", site.map, site.logs["live"], "-o", path, *risk)
     told = json.loads(figures.read_text())
     assert told["right"] > 0.95 * told["matches"]
     assert told["false"] > 300
@@ -48,60 +38,48 @@ def test_the_file_says_what_it_was_found_on(site: Site, calibrated: Path) -> Non
     assert 0.2 < held["thresholds"]["sigma_scale"] < 3.0
 
 
-def test_register_uses_it(site: Site, calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    drives = (site.logs["live"], site.logs["impostor"])
-    status = run("register", site.map, *drives, "-o", tmp_path, "--window-m", 2, "--thresholds", calibrated)
-    assert status == 0
-    assert "few scans of impostor are ok, most are low_correlation: " in capsys.readouterr().out
+def test_register_uses_it(site: Site, calibrated: Path, tmp_path: Path) -> None:
+    drives = [first_scans(site.logs[name], tmp_path / f"{name}.drive.h5", 200) for name in ("live", "impostor")]
+    succeed("register", site.map, *drives, "-o", tmp_path, "--window-m", 2, "--thresholds", calibrated)
     live, impostor = (pd.read_csv(tmp_path / f"{name}.fixes.csv") for name in ("live", "impostor"))
     tried = live["code"] != "no_window"
     assert (live["code"][tried] == "ok").mean() > 0.9
     assert not (impostor["code"] == "ok").any()
 
 
-def test_thresholds_of_another_window_are_refused(
-    site: Site, calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bare = ("register", site.map, site.logs["live"], "-o", tmp_path / "out", "--thresholds", calibrated)
-    assert run(*bare) == 2
-    assert "--thresholds: needs --window-m as well" in capsys.readouterr().err
-    assert run(*bare, "--window-m", 1) == 1
-    said = capsys.readouterr().err.strip()
-    assert "window_m" in said
-    assert len(said.splitlines()) == 1
+def test_what_thresholds_cannot_be_made_or_used_for(site: Site, calibrated: Path, tmp_path: Path) -> None:
+    live, before = site.logs["live"], calibrated.read_text()
+    bare = ("register", site.map, live, "-o", tmp_path / "out", "--thresholds", calibrated)
+    assert run(*bare).about == "--thresholds"
+    done = run(*bare, "--window-m", 1)
+    assert done.status == 1
+    done.refusal.check("window_m", file=calibrated)
     assert not (tmp_path / "out").exists()
-
-
-def test_nothing_is_overwritten_and_no_risk_is_nonsense(site: Site, calibrated: Path, tmp_path: Path) -> None:
-    before = calibrated.read_text()
-    assert run("thresholds", site.map, site.logs["live"], "-o", calibrated, "--window-m", 1) == 1
+    make = ("thresholds", site.map, live, "-o")
+    run(*make, calibrated, "--window-m", 1).refusal.check("output", "--force", file=calibrated)
     assert calibrated.read_text() == before
-    live = site.logs["live"]
-    assert run("thresholds", site.map, live, "-o", tmp_path / "x.toml", "--window-m", 1, "--risk", 2) == 2
-    assert run("thresholds", site.map, "-o", tmp_path / "x.toml", "--window-m", 1) == 2
-    assert run("thresholds", site.map, site.logs["live"], "-o", tmp_path / "x.toml") == 2
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--search-m", "nan"), ("--search-m", 0.1), ("--search-m", 100), ("--window-m", -1), ("--time-scale", 3)],
-)
-@pytest.mark.parametrize("verb", ["thresholds", "register"])
-def test_searches_that_cannot_be_are_usage_errors(
-    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, option: str, value: float | str
-) -> None:
-    window = () if option == "--window-m" else ("--window-m", 1)
-    assert run(verb, site.map, site.logs["live"], "-o", tmp_path / "x.toml", *window, option, value) == 2
-    assert option in capsys.readouterr().err
-    assert not (tmp_path / "x.toml").exists()
-
-
-def test_a_drive_over_other_ground_calibrates_nothing(
-    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
     path = tmp_path / "x.toml"
-    assert run("thresholds", site.map, site.logs["impostor"], "-o", path, "--window-m", 1) == 1
-    said = capsys.readouterr().err
-    assert "impostor" in said
-    assert "a drive over the ground of" in said
+    for wrong, about in (
+        ((*make, path, "--window-m", 1, "--risk", 2), "--risk"),
+        (("thresholds", site.map, "-o", path, "--window-m", 1), "drives"),
+        ((*make, path), "--window-m"),
+    ):
+        done = run(*wrong)
+        assert (done.status, done.about) == (2, about)
+    # A drive over other ground.
+    done = run("thresholds", site.map, site.logs["impostor"], "-o", path, "--window-m", 1)
+    assert done.status == 1
+    assert "impostor" in done.about
     assert not path.exists()
+
+
+@pytest.mark.parametrize("verb", ["thresholds", "register"])
+def test_searches_that_cannot_be_are_usage_errors(site: Site, tmp_path: Path, verb: str) -> None:
+    searches: tuple[tuple[str, object], ...] = (
+        *(("--search-m", "nan"), ("--search-m", 0.1), ("--search-m", 100), ("--window-m", -1), ("--time-scale", 3)),
+    )
+    for option, value in searches:
+        window = () if option == "--window-m" else ("--window-m", 1)
+        done = run(verb, site.map, site.logs["live"], "-o", tmp_path / "x.toml", *window, option, value)
+        assert (done.status, done.about) == (2, option)
+        assert not (tmp_path / "x.toml").exists()

@@ -80,7 +80,7 @@ def test_every_command_ends_as_it_should(story: Story) -> None:
     assert again.count(True) == 5
     for step, refused in zip(story.steps, again, strict=True):
         assert step.done.status == refused, step.done.err
-        told_only = step.words.startswith("check ") and "--json" not in step.words
+        told_only = step.words.startswith(("check ", "map info ")) and ".json" not in step.words
         assert bool(step.wrote) != (refused or told_only), step.words
         if refused:
             assert step.done.refusal.place == "output"
