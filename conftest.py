@@ -50,8 +50,8 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 
 # Files that drive the whole chain, minutes each: first, so that no worker is left with one when the others are done.
 _LONG = (
-    *("cli/test_run.py", "frozen", "batch", "test_notebooks.py", "mapping", "simulation", "runtime"),
-    *("test_public.py", "test_docs.py", "test_commands.py", "cli"),
+    *("cli/test_run.py", "frozen", "test_public.py", "batch", "test_docs.py", "cli", "registration", "simulation"),
+    *("navigation", "runtime", "studies", "report", "scene"),
 )
 
 

@@ -20,9 +20,9 @@ WINDOW_M = 4.0
 """The first metres, after which a fix is asked for on every day."""
 # Median correlation of single scans at the truth, at the time scale that was found: fixed beforehand, not chosen to
 # please. The bands are those of many roads, and wider by 0.03 for one.
-DIFFICULTY = {"snow": (0.47, 0.63), "rain": (0.3, 0.53)}
+DIFFICULTY = {"rain": (0.3, 0.53)}
 # Rain stretches travel time by 5 %, of which a height that is as wrong may take up a part.
-SCALE = {"snow": (0.985, 1.015), "rain": (1.01, 1.065)}
+SCALE = {"rain": (1.01, 1.065)}
 
 
 def registered(site: Site, folder: Path, day: str, direction: int = 1) -> RegisteredDrive:

@@ -1,4 +1,4 @@
-"""The runtime as its user starts it: simulated devices in lock step and in real time, the drive log, the replay."""
+"""The runtime as its user starts it: simulated devices in lock step, the drive log, the replay."""
 
 import json
 import re
@@ -17,10 +17,9 @@ from canon.map import of_many_grounds
 from cli.processes import ROOT, lgprjax, quick
 from lgprjax.cli.simulated import prepare_course
 from lgprjax.cli.simulated_run import _SHOWN
-from lgprjax.formats import VehicleLog, read_run
+from lgprjax.formats import VehicleLog
 from lgprjax.mapping import build_map
 from lgprjax.process_cost import count_compiles
-from lgprjax.run_records import RecordKind, unpack
 from lgprjax.runtime.config import read_config
 
 
@@ -32,21 +31,26 @@ class Driven(NamedTuple):
     figures: Path
 
 
-@pytest.fixture(scope="module")
-def course(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def write_course(folder: Path) -> Path:
     """A configuration of a short course with a third of the scans, its map and route made as a run makes them.
 
     The map's chance is the pooled one of many grounds: measuring its own takes longer than the run.
     """
     text = (ROOT / "onboard" / "simulated.run.toml").read_text(encoding="utf-8")
     text = text.replace("length_m = 300.0", "length_m = 60.0\nscan_share = 3")
-    path = quick(text, tmp_path_factory.mktemp("run") / "short.run.toml")
+    path = quick(text, folder / "short.run.toml")
     config = read_config(path)
     assert config.simulation is not None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
         prepare_course(config, config.simulation)
     return path
+
+
+@pytest.fixture(scope="module")
+def course(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The configuration, in a folder of its own."""
+    return write_course(tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")
@@ -87,24 +91,6 @@ def test_the_run_replays_to_the_same_commands(driven: Driven) -> None:
     found = json.loads(succeed("run", config, "--replay", driven.folder, "--json", "-"))
     assert (found["differing"], found["broken"]) == (0, None)
     assert found["frames"] >= found["ticks"] > 300
-
-
-def test_in_real_time_nothing_is_compiled_once_a_process_is_ready(course: Path, driven: Driven) -> None:
-    figures = course.parent / "figures.json"
-    arguments = ("--simulate", "--realtime", "--for-s", "6", "--json", str(figures))
-    done = lgprjax("run", str(course), *arguments)
-    # Six seconds do not lead to the end of 60 m.
-    assert done.status == 1, done.out[-2000:] + done.err[-4000:]
-    assert len(re.findall(r"^did not arrive: .+ lgprjax events ", done.out, re.MULTILINE)) == 1
-    found = json.loads(figures.read_text(encoding="utf-8"))
-    assert found["ticks"] > 150
-    assert found["scans"] > 50
-    (folder,) = set((course.parent / "runs").iterdir()) - {driven.folder}
-    assert (folder / "timing.png").read_bytes().startswith(b"\x89PNG")
-    events = [unpack(data) for _, data in read_run(folder)]
-    told = [event.payload.decode() for event in events if event.kind is RecordKind.EVENT]
-    assert any('"ready": "registration"' in text for text in told)
-    assert not [text for text in told if "compiled" in text]
 
 
 def test_a_compilation_is_counted() -> None:

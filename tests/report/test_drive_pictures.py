@@ -40,11 +40,6 @@ def pictures(site: Site, drive: RegisteredDrive, options: RegisterOptions, folde
     return {figure.path.name.removeprefix("live-") for figure in figures}
 
 
-def test_a_swarm_is_drawn_where_one_searches(site: Site, live: RegisteredDrive, tmp_path: Path) -> None:
-    whole = {"trajectory.png", "confidence.png", "match.png", "map.png", "swarm.png"}
-    assert pictures(site, live, SWARM, tmp_path, impostor=False) == whole
-
-
 def test_nothing_is_said_of_confidence_where_no_truth_is_known(
     site: Site, live: RegisteredDrive, tmp_path: Path
 ) -> None:

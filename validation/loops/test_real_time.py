@@ -1,0 +1,29 @@
+"""A run in real time against simulated devices: it drives, draws its periods, and compiles nothing once it is ready."""
+
+import json
+import re
+from pathlib import Path
+
+from cli.processes import lgprjax
+from cli.test_run import write_course
+from lgprjax.formats import read_run
+from lgprjax.run_records import RecordKind, unpack
+
+
+def test_in_real_time_nothing_is_compiled_once_a_process_is_ready(tmp_path: Path) -> None:
+    course = write_course(tmp_path)
+    figures = course.parent / "figures.json"
+    arguments = ("--simulate", "--realtime", "--for-s", "6", "--json", str(figures))
+    done = lgprjax("run", str(course), *arguments)
+    # Six seconds do not lead to the end of 60 m.
+    assert done.status == 1, done.out[-2000:] + done.err[-4000:]
+    assert len(re.findall(r"^did not arrive: .+ lgprjax events ", done.out, re.MULTILINE)) == 1
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert found["ticks"] > 150
+    assert found["scans"] > 50
+    (folder,) = (course.parent / "runs").iterdir()
+    assert (folder / "timing.png").read_bytes().startswith(b"\x89PNG")
+    events = [unpack(data) for _, data in read_run(folder)]
+    told = [event.payload.decode() for event in events if event.kind is RecordKind.EVENT]
+    assert any('"ready": "registration"' in text for text in told)
+    assert not [text for text in told if "compiled" in text]
