@@ -44,6 +44,7 @@ HERE = {
 }
 _A_FIELD = "cli/test_run_field.py::test_a_field_is_driven_recorded_and_replayed_to_the_same_frames"
 _RUN = "cli/test_run.py::test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course"
+_REAL_TIME = "../validation/loops/test_real_time.py::test_in_real_time_nothing_is_compiled_once_a_process_is_ready"
 _RESUMED = "worked/test_resume.py::test_a_run_that_was_cut_is_taken_up_where_it_ended"
 # Verbs that take minutes, a cluster, a run or a drive of their own: the tests that run them, on less of it.
 ELSEWHERE = {
@@ -94,7 +95,7 @@ ELSEWHERE = {
     ),
     "thresholds": ("cli/test_thresholds.py::test_register_uses_it",),
     "route select": ("cli/test_route.py::test_a_stretch_is_selected_and_exported",),
-    "run": (_A_FIELD, _RUN, _RESUMED, "cli/test_run.py::test_a_preflight_names_what_is_not_in_order"),
+    "run": (_A_FIELD, _RUN, _RESUMED, _REAL_TIME, "cli/test_run.py::test_a_preflight_names_what_is_not_in_order"),
     "events": (_RUN,),
     "recover": ("cli/test_recover.py::test_nothing_can_be_saved", "cli/test_recover.py::test_a_run_that_was_cut"),
     "cover plan": ("cli/test_cover.py::test_gaps_are_planned_again",),
