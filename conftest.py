@@ -65,9 +65,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=place)
     state = os.environ.get("LGPRJAX_VALIDATION")
     if state:
-        from validation.__main__ import passed_tests
+        from validation.__main__ import results_in
 
-        passed = passed_tests(Path(state), os.environ["LGPRJAX_VALIDATION_SOURCE"])
+        results = results_in(Path(state), os.environ["LGPRJAX_VALIDATION_SOURCE"])
+        passed = {test for test, row in results.items() if row["outcome"] == "passed"}
         config.hook.pytest_deselected(items=[item for item in items if item.nodeid in passed])
         items[:] = [item for item in items if item.nodeid not in passed]
 
@@ -118,17 +119,25 @@ def course_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shared_folder(tmp_path_factory, "course", make_course_run)
 
 
+_setup_s: dict[str, float] = {}
+
+
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Note each test of a validation as it ends, so that an interrupted one can be resumed."""
     state = os.environ.get("LGPRJAX_VALIDATION")
-    if not state or "PYTEST_XDIST_WORKER" in os.environ or (report.when != "call" and report.passed):
+    if not state or "PYTEST_XDIST_WORKER" in os.environ:
+        return
+    if report.when == "setup":
+        _setup_s[report.nodeid] = report.duration
+    if report.when != "call" and report.passed:
         return
     row = {
         "source": os.environ["LGPRJAX_VALIDATION_SOURCE"],
         "test": report.nodeid,
         "outcome": report.outcome,
-        "seconds": round(report.duration, 2),
+        "seconds": round(report.duration + (_setup_s[report.nodeid] if report.when == "call" else 0.0), 2),
         "figures": dict(report.user_properties),
     }
+    # A line of its own, also after one that was cut.
     with Path(state).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row) + "\n")
+        file.write("\n" + json.dumps(row) + "\n")
