@@ -195,6 +195,7 @@ class _Told(NamedTuple):
     reasons: np.ndarray
     reaction: np.ndarray
     cap_mps: np.ndarray
+    bounded: np.ndarray
     estimate: NavEstimate
     states: np.ndarray
 
@@ -214,6 +215,7 @@ def told() -> dict[str, _Told]:
             health.reasons[lane],
             health.reaction[lane],
             health.speed_cap_mps[lane],
+            health.bounded[lane],
             jax.tree.map(lambda leaf, lane=lane: leaf[lane], state.estimate),
             drawn.states,
         )
@@ -270,6 +272,14 @@ def test_a_fault_of_gnss_costs_no_speed_while_lgpr_bounds_the_error(told: dict[s
         assert np.isinf(of.cap_mps[settled]).all()
         _, cross_m = position_sigma_m(of.estimate)
         assert float(np.asarray(cross_m)[settled].max()) < float(_RULES.degrade_cross_m)
+
+
+def test_lgpr_bounds_no_error_while_gnss_contradicts_it(told: dict[str, _Told]) -> None:
+    of = told["5_gnss_drifts"]
+    conflict = (of.reasons & Reason.CONFLICT.value) != 0
+    assert of.bounded[(_TIME_S > _ONSET_S - 2.0) & (_TIME_S < _ONSET_S)].all()
+    assert conflict.any()
+    assert not of.bounded[conflict].any()
 
 
 def test_without_a_lock_a_fault_of_gnss_slows_down(told: dict[str, _Told]) -> None:

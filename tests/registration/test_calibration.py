@@ -36,6 +36,8 @@ def test_false_matches_stay_below_and_right_ones_pass() -> None:
     true = outcomes(4000, RNG.normal(9.0, 0.8, 4000), RNG.normal(7.0, 0.8, 4000), True)
     found = calibrate(true, false, 1e-4)
     assert found.strength_by_chance == pytest.approx(2.5 + 0.35 * np.log(1e4), rel=0.06)
+    # Score and lead are both passed by chance: each limit of the lead is for the square root of the risk.
+    assert found.margin_by_chance == pytest.approx(0.45 * np.log(1e2), rel=0.06)
     fresh = 2.5 + RNG.exponential(0.35, 1_000_000)
     assert np.mean(fresh >= found.strength_by_chance) < 4e-4
     passed = (true.score >= found.strength_by_chance * 0.1) & (true.margin >= found.margin_by_chance * 0.1)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.registration import Code, RegisterOptions, Thresholds
+from lgprjax.registration import Code, RegisterOptions, Thresholds, sigmas_along_cross
 from lgprjax.registration.judge import judge
 from lgprjax.registration.refine import RefinedPeak, covariance_of
 
@@ -103,3 +103,15 @@ def test_the_heading_is_searched_as_far_as_it_is_unsure() -> None:
 def test_codes_have_the_names_of_the_contract() -> None:
     names = ["ok", "low_correlation", "ambiguous", "edge", "off_map", "low_overlap", "non_finite", "no_window"]
     assert [code.label for code in Code] == names
+
+
+def test_sigmas_along_and_across_are_those_of_the_turned_covariance() -> None:
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(20, 5, 5))
+    covariance, yaw = root @ root.transpose(0, 2, 1), rng.uniform(-np.pi, np.pi, 20)
+    along, cross = sigmas_along_cross(covariance, yaw)
+    for number in range(20):
+        cos, sin = np.cos(yaw[number]), np.sin(yaw[number])
+        axes = np.array([[cos, sin], [-sin, cos]])
+        turned = axes @ covariance[number, :2, :2] @ axes.T
+        np.testing.assert_allclose([along[number], cross[number]], np.sqrt(np.diag(turned)), rtol=1e-12)
