@@ -31,8 +31,10 @@ while True:
     except EOFError:
         break
     (folder / f"{os.getpid()}").touch()
-    if b"doomed" in asked or (b"once" in asked and not (folder / "tried").exists()):
+    first = b"once" in asked and not (folder / "tried").exists()
+    if first:
         (folder / "tried").touch()
+    if first or b"doomed" in asked:
         os.kill(os.getpid(), signal.SIGKILL)
     if b"slow" in asked:
         try:
