@@ -49,8 +49,9 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     atexit.register(shutil.rmtree, os.environ["MPLCONFIGDIR"], ignore_errors=True)
 
 # Files that drive the whole chain, minutes each: first, so that no worker is left with one when the others are done.
+# Processes that tests start come after the files that compile the same programs and cache them.
 _LONG = (
-    *("cli/test_run.py", "frozen", "test_public.py", "batch", "test_docs.py", "cli", "registration", "simulation"),
+    *("batch/test_days.py", "frozen", "test_public.py", "batch", "test_docs.py", "registration", "simulation", "cli"),
     *("navigation", "runtime", "studies", "report", "scene"),
 )
 
@@ -75,7 +76,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 # Of the 65,530 that Linux gives a process by default. A compiled program takes several, and a worker that runs for an
 # hour compiled so many that mapping memory failed, in the middle of a compile, without a word.
-_MOST_MAPPINGS = 20_000
+_MOST_MAPPINGS = 40_000
 
 
 @pytest.fixture(scope="module", autouse=True)
