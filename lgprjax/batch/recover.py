@@ -12,6 +12,7 @@ from lgprjax import __version__
 from lgprjax.batch.vehicles import array_of_vehicle
 from lgprjax.errors import InputError
 from lgprjax.formats import (
+    ArrayTable,
     DriveDescription,
     DriveWriter,
     MapFile,
@@ -33,7 +34,7 @@ from lgprjax.formats.run_log import (
     read_run,
     read_run_record,
 )
-from lgprjax.radar import ArrayGeometry
+from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.run_records import FIX, SEARCHED, RecordKind, Source, fix_row, payload_type
 from lgprjax.subsurface import SpatialIndex
 from lgprjax.wire import Frame, decode
@@ -299,13 +300,32 @@ _CELL_M, _NEAR_M = 1.0, 16.0
 _PLANNED = ("sigma_cross_m", "speed_mps", "wanted_mps", "cross_track_m", "to_go_m", "code", "reaction")
 
 
+class RecordedTracks(NamedTuple):
+    """What a run that only records has in place of a map: tracks from the messages of its receiver, in seconds since
+    the run's clock, and facts of the array that its radar does not state.
+
+    Attributes:
+        navigation: poses of the vehicle.
+        odometry: travel along them, for runs without an odometer.
+        origin: how headings were obtained, in words.
+        channel_pitch_m: spacing of the channels, where the vehicle file does not state their places.
+        centre_frequency_hz: of the antennas.
+    """
+
+    navigation: NavigationTrack
+    odometry: OdometryTrack
+    origin: str
+    channel_pitch_m: float | None = None
+    centre_frequency_hz: float | None = None
+
+
 class RunTracks:
     """Tracks of a drive log, in seconds since a moment.
 
     Args:
         signals: of the run.
         mono_ns: the moment, by the computer's monotonic clock.
-        source: the map that was driven on.
+        source: the map that was driven on, or the tracks of a run that only records.
         position_sigma_m: of the positions.
 
     Attributes:
@@ -316,12 +336,17 @@ class RunTracks:
         seconds: from the first to the last record of navigation.
     """
 
-    def __init__(self, signals: RunSignals, mono_ns: int, source: MapFile, position_sigma_m: float) -> None:
+    def __init__(
+        self, signals: RunSignals, mono_ns: int, source: MapFile | RecordedTracks, position_sigma_m: float
+    ) -> None:
         self._signals, self._mono_ns = signals, mono_ns
-        self.navigation = self._navigation(source, position_sigma_m)
         self.odometry = OdometryTrack(self.seconds_of(signals.box_ns), signals.travel_m)
         self.vehicle = self._vehicle()
-        self.plan = self._plan(source)
+        if isinstance(source, RecordedTracks):
+            self.navigation, self.plan = source.navigation, None
+            self.odometry = self.odometry if len(signals.box) > 1 else source.odometry
+        else:
+            self.navigation, self.plan = self._navigation(source, position_sigma_m), self._plan(source)
         self.seconds = float(self.navigation.time_s[-1] - self.navigation.time_s[0])
 
     def seconds_of(self, times_ns: np.ndarray) -> Float[np.ndarray, " row"]:
@@ -428,8 +453,8 @@ def write_run_drive(
     run: str | Path | RunReading,
     output: str | Path,
     *,
-    source: MapFile,
-    vehicle: VehicleFile,
+    source: MapFile | RecordedTracks,
+    vehicle: VehicleFile | None,
     position_sigma_m: float,
     registration: dict[str, object] | None = None,
     force: bool = False,
@@ -441,8 +466,8 @@ def write_run_drive(
     Args:
         run: its folder, or an open run.
         output: ``X.drive.h5``.
-        source: the map that was driven on, for frame, channels and ground.
-        vehicle: that drove, for the place of its array.
+        source: the map that was driven on, for frame, channels and ground; for a run that only records, its tracks.
+        vehicle: that drove, for the place of its array; ``None``: the array is assumed at the antenna.
         position_sigma_m: of the positions, as the run was configured.
         force: replace an output that exists.
 
@@ -453,11 +478,12 @@ def write_run_drive(
     reading = run if isinstance(run, RunReading) else read_run(run)
     clock = reading.clock
     if clock is None:
-        raise InputError(reading.folder, "segments", "a whole head, or run.json", "neither")
+        raise InputError(reading.folder, "segments", "a complete segment header, or run.json", "neither")
     signals = signals_of_run(reading)
-    for place, rows in (("prior", signals.prior), ("drive_status", signals.box)):
+    needed = (("prior", signals.prior), ("drive_status", signals.box))
+    for place, rows in () if isinstance(source, RecordedTracks) else needed:
         if len(rows) < 2:
-            raise InputError(reading.folder, "segments", f"two whole records of {place} or more", str(len(rows)))
+            raise InputError(reading.folder, "segments", f"at least two complete records of {place}", str(len(rows)))
     name = Path(output).name.removesuffix(".drive.h5")
     t0_utc = datetime.fromtimestamp(clock[0] // 10**9, UTC).replace(microsecond=clock[0] % 10**9 // 1000).isoformat()
     tracks = RunTracks(signals, clock[1], source, position_sigma_m)
@@ -471,7 +497,7 @@ def write_run_drive(
             odometry=tracks.odometry,
             truth=None,
             vehicle=tracks.vehicle,
-            serial_number=vehicle.serial_number,
+            serial_number=None if vehicle is None else vehicle.serial_number,
             provenance=provenance,
             plan=tracks.plan,
         )
@@ -479,8 +505,9 @@ def write_run_drive(
         return RunDrive(0, len(kept), tracks.seconds)
     assert signals.radar is not None
     recording = _recording(signals, source, vehicle)
-    on_board = _on_board(signals, kept, source)
-    array = _array(vehicle, source, signals.radar)
+    on_board = None if isinstance(source, RecordedTracks) else _on_board(signals, kept, source)
+    pitch_m = (source if isinstance(source, RecordedTracks) else source.description).channel_pitch_m
+    array = _array(vehicle, pitch_m, signals.radar, reading.folder)
     description = DriveDescription(
         name=name,
         t0_utc=t0_utc,
@@ -491,7 +518,7 @@ def write_run_drive(
         truth=None,
         vehicle=tracks.vehicle,
         provenance=provenance,
-        serial_number=vehicle.serial_number,
+        serial_number=None if vehicle is None else vehicle.serial_number,
         plan=tracks.plan,
         on_board=on_board,
     )
@@ -504,7 +531,9 @@ def write_run_drive(
         return RunDrive(writer.scans, len(kept) - writer.scans, tracks.seconds)
 
 
-def _recording(signals: RunSignals, source: MapFile, vehicle: VehicleFile) -> TraceRecording | SweepRecording:
+def _recording(
+    signals: RunSignals, source: MapFile | RecordedTracks, vehicle: VehicleFile | None
+) -> TraceRecording | SweepRecording:
     """What the radar said of its scans."""
     radar = signals.radar
     assert radar is not None
@@ -513,11 +542,13 @@ def _recording(signals: RunSignals, source: MapFile, vehicle: VehicleFile) -> Tr
             sample_interval_ns=1e-3 * float(radar["sample_interval_ps"]),
             time_zero_ns=1e-3 * float(radar["time_zero_ps"]),
             zero_level=float(radar["zero_level"]),
-            # The chain's filter spans one and a half periods of it.
-            centre_frequency_hz=1.5e9 / source.description.settings.dewow_ns,
+            # The chain's filter spans one and a half periods of it. A radar does not state it.
+            centre_frequency_hz=source.centre_frequency_hz
+            if isinstance(source, RecordedTracks)
+            else 1.5e9 / source.description.settings.dewow_ns,
             samples=int(radar["samples"]),
         )
-    lookup, place = complex_rows(signals.lookup), vehicle.array
+    lookup, place = complex_rows(signals.lookup), ArrayTable() if vehicle is None else vehicle.array
     first_hz, step_hz = (1e3 * float(radar[name]) for name in ("first_khz", "step_khz"))
     return SweepRecording(
         frequencies_hz=first_hz + step_hz * np.arange(int(radar["steps"])),
@@ -594,18 +625,22 @@ def _write_scans(
         append(writer, times, frames)
 
 
-def _array(vehicle: VehicleFile, source: MapFile, radar: np.void) -> ArrayGeometry:
-    known = source.description
-    return array_of_vehicle(
-        vehicle,
-        vehicle.name,
-        channels=int(radar["channels"]),
-        pitch_m=known.channel_pitch_m,
-        scan_period_s=1e-6 * float(radar["scan_period_us"]),
-    )
+def _array(vehicle: VehicleFile | None, pitch_m: float | None, radar: np.void, folder: Path) -> ArrayGeometry:
+    """Where the channels are.
+
+    Raises:
+        InputError: the spacing of the channels is not known.
+    """
+    channels, period_s = int(radar["channels"]), 1e-6 * float(radar["scan_period_us"])
+    if pitch_m is None and channels > 1 and (vehicle is None or vehicle.array.channel_y_m is None):
+        expected = "radar.channel_pitch_m in the configuration, or array.channel_y_m in the vehicle file"
+        raise InputError(folder, "radar", expected, f"{channels} channels of unknown spacing")
+    if vehicle is None:
+        return uniform_array(channels, pitch_m or 0.0, scan_period_s=period_s)
+    return array_of_vehicle(vehicle, vehicle.name, channels=channels, pitch_m=pitch_m or 0.0, scan_period_s=period_s)
 
 
-def _provenance(reading: RunReading, source: MapFile) -> dict[str, object]:
+def _provenance(reading: RunReading, source: MapFile | RecordedTracks) -> dict[str, object]:
     found = reading.summary
     return {
         "program": f"lgprjax {__version__}",
@@ -618,9 +653,18 @@ def _provenance(reading: RunReading, source: MapFile) -> dict[str, object]:
             "bytes_damaged": sum(lost.stop - lost.start for lost in (*found.damaged, *found.cut)),
             "messages_dropped": found.dropped,
         },
+        "radar_time": "stamps of the radar's clock: arrival minus the delay of the line",
+        **_origin(source),
+    }
+
+
+def _origin(source: MapFile | RecordedTracks) -> dict[str, object]:
+    """Where poses and frequency come from."""
+    if isinstance(source, RecordedTracks):
+        return {"gnss_ins": source.origin, "centre_frequency": "as configured"}
+    return {
         "map": source.description.name,
         "gnss_ins": "pose from GNSS/INS and odometry as fused during the run, in the map's frame; height of the "
         "map's ground; sigma of positions as configured, of height and roll assumed",
-        "radar_time": "stamps of the radar's clock: arrival minus the delay of the line",
         "centre_frequency": "of the map",
     }

@@ -5,7 +5,7 @@ import shutil
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.table import Table
 from rich.text import Text
@@ -13,57 +13,68 @@ from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
 from lgprjax.cli.recognised import recording_suffixes
-from lgprjax.cli.terminal import UsageError, advice, console, progress_bar, require_files, working
+from lgprjax.cli.terminal import (
+    UsageError,
+    advice,
+    console,
+    counted,
+    progress_bar,
+    require_files,
+    say,
+    verdict,
+    working,
+)
 from lgprjax.errors import InputError
 from lgprjax.files import examples_folder
 
 if TYPE_CHECKING:
     from lgprjax.batch import Comparison, DriveHealth, Stretch
     from lgprjax.formats import RunSummary
+    from lgprjax.formats.schema import Finding
     from lgprjax.runtime.config import RuntimeConfig
 
 
 _VERDICT_STYLE = {"good": "green", "look": "yellow", "bad": "bold red", "not recorded": "dim"}
 _NOTHING = "–"
 _CHECKED_BY = {
-    ".run.toml": "a run's configuration is checked by lgprjax run {} --preflight",
-    ".lgprun": "a run's recording is read, by its folder, by lgprjax events and lgprjax recover",
-    ".toml": "a site file is checked by lgprjax simulate {0} -o DIR, a study by lgprjax tune {0} -o DIR",
-    ".geojson": "a field is checked by lgprjax cover plan {} -o X.cover.geojson --vehicle V.vehicle.toml",
-    **dict.fromkeys(recording_suffixes().split(", "), "its drive log can be checked: lgprjax import {} -o X.drive.h5"),
+    ".run.toml": "lgprjax run {} --preflight checks the configuration of a run",
+    ".lgprun": "lgprjax events and lgprjax recover read the folder of a run",
+    ".toml": "lgprjax simulate {0} -o DIR checks a site file, lgprjax tune {0} -o DIR a study",
+    ".geojson": "lgprjax cover plan {} -o X.cover.geojson --vehicle V.vehicle.toml checks a field",
+    **dict.fromkeys(recording_suffixes().split(", "), "import it first: lgprjax import {} -o X.drive.h5"),
 }
-"""What checks files of other kinds, by the end of their name."""
+"""Commands that check other file types, by suffix."""
 _STRETCHES = 3  # listed in the table; all of them are in the JSON
 
 
 @dataclass(frozen=True)
 class CheckVerb:
-    """Validate files against the data schema and report every problem with its place."""
+    """Validate files against the data schema; list every violation with its place."""
 
     files: Annotated[
         Positional[tuple[Path, ...]],
         arg(
             metavar="FILE...",
             help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5; "
-            "HDF5 of any other name by its schema attribute",
+            "other HDF5 files by their schema attribute",
         ),
     ]
     health: bool = False
     """also measure the recording quality of drive logs: radar, clock, odometry, GNSS"""
     json: Path | None = None
-    """also write the findings, with --health and figures, to this file, or - for standard output"""
+    """JSON file for the findings, with --health also for the figures; - for standard output"""
     force: bool = False
-    """replace that file if it exists"""
+    """replace existing outputs"""
 
     def run(self) -> int:
-        """Check; status 1 if any file cannot be used."""
+        """Check; status 1 if a file has errors."""
         from lgprjax.formats import check_file
 
         require_files(self.files, "files")
         check_outputs(self.json, force=self.force)
         others = [path.name for path in self.files if not path.name.lower().endswith(".drive.h5")]
         if self.health and others:
-            raise UsageError(f"--health: expected drive logs only, X.drive.h5, found {others[0]}")
+            raise UsageError(f"--health: expected drive logs, X.drive.h5, found {others[0]}")
         findings, reports = [], []
         for path in self.files:
             try:
@@ -77,9 +88,9 @@ class CheckVerb:
                 raise InputError(path, error.place, error.expected, f"{error.found}{elsewhere}") from None
             findings += found
             for finding in found:
-                console.print(f"{finding}{advice(finding.error())}", highlight=False, soft_wrap=True, markup=False)
+                say(f"{finding}{advice(finding.error())}")
             if not found:
-                console.print(f"{path}: ok", highlight=False, soft_wrap=True, markup=False)
+                say(f"{path}: ok")
             whole = not any(finding.severity == "error" for finding in found)
             if whole and path.name.lower().endswith(".drive.h5"):
                 _tell_assumed(path)
@@ -89,17 +100,37 @@ class CheckVerb:
             plain = [asdict(finding) for finding in findings]
             figures: object = {"findings": plain, "health": reports} if self.health else plain
             write_figures(self.json, figures, force=self.force)
-        return int(any(finding.severity == "error" for finding in findings))
+        return self._conclude(findings, reports)
+
+    def _conclude(self, findings: "list[Finding]", reports: list[dict[str, Any]]) -> int:
+        """Print the verdict over all files; the exit status."""
+        wrong = sorted({finding.file for finding in findings if finding.severity == "error"})
+        warnings = sum(finding.severity != "error" for finding in findings)
+        text = f"{counted(len(self.files), 'file')}, {len(wrong)} with errors"
+        text += f", {counted(warnings, 'warning')}" if warnings else ""
+        if self.health:
+            text += "".join(f"; {each['file']}: {_HEALTH[each['verdict']]}" for each in reports)
+        drives = [str(path) for path in self.files if path.name.lower().endswith(".drive.h5")]
+        following = ""
+        if drives and not wrong:
+            following = f"map build {drives[0]} -o M.map.h5" if self.health else f"check {drives[0]} --health"
+        verdict(text, following)
+        return int(bool(wrong))
+
+
+_HEALTH = {"good": "recording good", "look": "inspect the recording", "bad": "recording bad"} | {
+    "not recorded": "nothing to judge"
+}
 
 
 def _tell_assumed(path: Path) -> None:
-    """Report quantities of a drive that no instrument recorded."""
+    """Print the quantities of a drive that no instrument recorded."""
     from lgprjax.formats import VehicleLog, assumed_in_words, assumed_of
 
     assumed = assumed_of(VehicleLog.open(path).provenance)
     if assumed:
-        message = f"{path}: assumed, as no instrument recorded it: {assumed_in_words(assumed)}"
-        console.print(message, highlight=False, markup=False, soft_wrap=True)
+        message = f"{path}: assumed, not recorded: {assumed_in_words(assumed)}"
+        say(message)
 
 
 def _measure(path: Path) -> "DriveHealth":
@@ -113,7 +144,7 @@ def _measure(path: Path) -> "DriveHealth":
     else:
         health, recorded = vehicle_health(VehicleLog.open(path)), "no radar"
     title = f"{path.name}: {recorded}, {health.travel_m:.1f} m"
-    table = Table("figure", "value", "look / bad at", "verdict", "where", title=title)
+    table = Table("quantity", "value", "look / bad at", "verdict", "where", title=title)
     table.columns[0].no_wrap = True
     for entry in health.figures:
         value, limits = _NOTHING, _NOTHING
@@ -128,14 +159,13 @@ def _measure(path: Path) -> "DriveHealth":
             console.print(f"{entry.verdict}: {entry.name}: {entry.meaning}", highlight=False, markup=False)
     for name, why in health.not_measured:
         console.print(f"not measured: {name}: {why}", highlight=False, markup=False, style="dim")
-    beside = f"; not recorded, and not judged: {', '.join(health.assumed)}" if health.assumed else ""
-    verdict = "nothing could be judged" if health.verdict == "not recorded" else f"recording {health.verdict}"
-    console.print(f"{path}: {verdict}{beside}", highlight=False, markup=False, soft_wrap=True)
+    skipped = f"; not recorded, skipped: {', '.join(health.assumed)}" if health.assumed else ""
+    say(f"{path}: {_HEALTH[health.verdict]}{skipped}")
     return health
 
 
 def _where(stretches: "tuple[Stretch, ...]") -> str:
-    """The first stretches in metres of travel, with channels."""
+    """The first sections in metres of travel, with channels."""
     parts = []
     for stretch in stretches[:_STRETCHES]:
         channel = "" if stretch.channel is None else f"channel {stretch.channel}: "
@@ -144,23 +174,21 @@ def _where(stretches: "tuple[Stretch, ...]") -> str:
     return ", ".join(parts) + (f", {more} more" if more > 0 else "")
 
 
-# ``lgprjax export``: drives and their fixes for other programs.
+# ``lgprjax export``: drives and fixes for other programs.
 
 
 @dataclass(frozen=True)
 class Export:
     """Write a drive as ROS messages, or its trajectory for evo or GIS.
 
-    ROS 2 tools and Foxglove read .mcap (needs: pip install lgprjax[log]): scans as recorded, the middle channel as a
-    radargram (Image), GNSS/INS as NavSatFix and Imu, travel as Odometry, fixes that are ok as
-    PoseWithCovarianceStamped in the map's frame and NavSatFix, and transforms of the vehicle by the fixes, else by
-    GNSS/INS. .bag has the same messages for ROS 1, .db3 for ROS 2 in SQLite, in a folder (both need: pip install
-    lgprjax[rosbag]). lgprjax import converts them back.
+    Messages: .mcap for ROS 2 and Foxglove (needs: pip install lgprjax[log]), .bag for ROS 1 and .db3 for ROS 2 in a
+    folder (need: pip install lgprjax[rosbag]). They contain scans, the middle channel as a radargram (Image), GNSS/INS
+    (NavSatFix, Imu), odometry (Odometry), ok fixes (PoseWithCovarianceStamped in the map frame, NavSatFix) and
+    transforms of the vehicle from the fixes, or from GNSS/INS without fixes. lgprjax import reads them.
 
-    A trajectory is that of the array's centre: of the fixes that are ok, if given, of the truth with --truth, else of
-    the navigation as recorded. .tum and .kitti (for evo) are in metres east, north and up of the drive's first recorded
-    place, so that all trajectories of a drive can be compared; .geojson (with code, correlation and sigmas of each
-    scan) and .kml are in WGS-84, for QGIS and globes.
+    Trajectory of the array centre: from the ok fixes (--fixes), the true poses (--truth) or the recorded navigation.
+    .tum and .kitti (evo) are in metres east, north and up from the first recorded position of the drive. .geojson
+    (with code, correlation and sigmas per scan) and .kml are in WGS-84.
     """
 
     drive: Annotated[Positional[Path], arg(metavar="DRIVE", help="drive log, X.drive.h5")]
@@ -173,11 +201,11 @@ class Export:
         ),
     ]
     fixes: Annotated[Path | None, arg(metavar="X.fixes.h5")] = None
-    """fixes of the drive, from lgprjax register"""
+    """fixes of this drive, from lgprjax register"""
     truth: bool = False
-    """trajectory of the true poses, where the log holds them"""
+    """export the true poses of a simulated drive as the trajectory"""
     force: bool = False
-    """replace an output that exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Export."""
@@ -191,13 +219,13 @@ class Export:
             suffixes = ", ".join((*MESSAGE_SUFFIXES, *TRAJECTORY_SUFFIXES))
             raise UsageError(f"--output: expected a file name that ends in {suffixes}, found {self.output.name!r}")
         if self.truth:
-            raise UsageError("--truth: expected a trajectory as the output, found a recording of messages")
+            raise UsageError("--truth: expected a trajectory as output, found a message recording")
         with working(f"writing {self.output}"):
             exported = export_mcap(self.drive, self.output, fixes=self.fixes, force=self.force)
-        poses = "" if self.fixes is None else f", {exported.poses} fixes that are ok"
-        self._say(f"wrote {self.output}: {exported.scans} scans{poses}")
+        poses = "" if self.fixes is None else f", {exported.poses} ok fixes"
         if exported.left_out:
-            self._say(f"not exported, as there are no messages for them: {', '.join(exported.left_out)}")
+            say(f"not exported, no message type: {', '.join(exported.left_out)}")
+        verdict(f"wrote {self.output}: {exported.scans} scans{poses}")
 
     def _write_trajectory(self) -> None:
         if self.truth and self.fixes is not None:
@@ -212,10 +240,7 @@ class Export:
                 else trajectory_of_fixes(log, read_fixes(self.fixes), self.fixes)
             )
             write_trajectory(self.output, found, frame_of_drive(log), force=self.force)
-        self._say(f"wrote {self.output}: {len(found.time_s)} poses, {found.what}")
-
-    def _say(self, line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        verdict(f"wrote {self.output}: {len(found.time_s)} poses, {found.what}")
 
 
 # ``lgprjax compare``: two registrations of one drive.
@@ -225,18 +250,18 @@ _CODES_SHOWN, _RUNS_SHOWN = 6, 5
 
 @dataclass(frozen=True)
 class Compare:
-    """Compare two registrations of a drive, scan by scan: codes, distances, and whether the sigmas cover them.
+    """Compare two registrations of a drive, scan by scan: codes, distances, agreement with the stated uncertainty.
 
-    A and B are fixes files, or folders of results of the same drives. Where both are ok and more than 0.3 m apart, one
-    of the two is wrong: these scans are listed.
+    A and B are fixes files, or result folders of the same drives. The command lists scans that both call ok at
+    positions more than 0.3 m apart: one of the two fixes is wrong.
     """
 
-    first: Annotated[Positional[Path], arg(metavar="A", help="X.fixes.h5, X.fixes.csv, or a folder of results")]
-    second: Annotated[Positional[Path], arg(metavar="B", help="the same drive, or drives, registered otherwise")]
+    first: Annotated[Positional[Path], arg(metavar="A", help="X.fixes.h5, X.fixes.csv, or a result folder")]
+    second: Annotated[Positional[Path], arg(metavar="B", help="another registration of the same drives")]
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace that file if it exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Compare."""
@@ -253,17 +278,23 @@ class Compare:
             _print_comparison(name, comparison)
         if self.json is not None:
             write_figures(self.json, {name: each.as_json() for name, each in found.items()}, force=self.force)
+        apart, scans = (sum(getattr(each, name) for each in found.values()) for name in ("apart", "scans"))
+        fixes = next(iter(pairs.values()))[0]
+        verdict(
+            f"{apart} of {scans} scans more than 0.3 m apart, both ok: " + ("one is wrong" if apart else "none wrong"),
+            f"export DRIVE --fixes {fixes} -o X.geojson" if fixes.suffix == ".h5" else "",
+        )
 
     def _pairs(self) -> dict[str, tuple[Path, Path]]:
-        """Files of the drives that both sides have, by the drive's name."""
+        """Files of the common drives, by drive name."""
         for side in (self.first, self.second):
             if not side.exists():
                 raise InputError(
-                    side, "file", "X.fixes.h5, X.fixes.csv, or a folder of results", "No such file or directory"
+                    side, "file", "X.fixes.h5, X.fixes.csv, or a result folder", "No such file or directory"
                 )
         if self.first.is_dir() != self.second.is_dir():
             odd = self.second if self.first.is_dir() else self.first
-            raise InputError(odd, "input", "a folder of results, as the other is one", "a file")
+            raise InputError(odd, "input", "a result folder, like the other input", "a file")
         if not self.first.is_dir():
             return {_drive_of(self.first): (self.first, self.second)}
         sides = [
@@ -272,9 +303,7 @@ class Compare:
         common = [name for name in sides[0] if name in sides[1]]
         if not common:
             held = ", ".join(sides[0]) or "no X.fixes.h5"
-            raise InputError(
-                self.second, "drives", f"one of those of {self.first}: {held}", ", ".join(sides[1]) or "none"
-            )
+            raise InputError(self.second, "drives", f"a drive of {self.first}: {held}", ", ".join(sides[1]) or "none")
         return {name: (sides[0][name], sides[1][name]) for name in common}
 
 
@@ -293,11 +322,11 @@ def _print_comparison(name: str, found: "Comparison") -> None:
     console.print(table)
     lines = [f"{count} scans: {change}" for change, count in list(found.codes.items())[:_CODES_SHOWN]]
     if found.rms_cross_m is None or found.rms_along_m is None or found.largest_m is None or found.within_95 is None:
-        lines.append("no scan is ok in both: no distance")
+        lines.append("no scan is ok in both: no distances")
     else:
         lines.append(
-            f"B - A where both are ok: along {found.rms_along_m:.3f} m RMS, across {found.rms_cross_m:.3f} m RMS, "
-            f"largest {found.largest_m:.3f} m; {100.0 * found.within_95:.1f} % within the 95 % of both sigmas"
+            f"B - A, both ok: along {found.rms_along_m:.3f} m RMS, across {found.rms_cross_m:.3f} m RMS, "
+            f"max {found.largest_m:.3f} m; {100.0 * found.within_95:.1f} % within the joint 95 % interval"
         )
     if found.apart:
         runs = ", ".join(
@@ -305,67 +334,61 @@ def _print_comparison(name: str, found: "Comparison") -> None:
         )
         more = len(found.apart_at) - _RUNS_SHOWN
         lines.append(
-            f"more than 0.3 m apart, so that one is wrong: {found.apart} scans, {runs}"
+            f"more than 0.3 m apart, one fix is wrong: {found.apart} scans, {runs}"
             + (f", and {more} more places" if more > 0 else "")
         )
     for line in lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        say(line)
 
 
-# ``lgprjax recover``: the intact part of a recorded run as a drive log.
+# ``lgprjax recover``: the intact records of a run as a drive log.
 
 
 @dataclass(frozen=True)
 class Recover:
-    """Recover a recorded run, complete or interrupted by a power cut: every intact record, as a drive log.
+    """Write the intact records of a run as a drive log, after a complete run or a power cut.
 
-    Map and vehicle file are taken from the run's configuration unless given.
+    Map and vehicle file come from the configuration of the run unless they are given.
     """
 
-    folder: Annotated[Positional[Path], arg(metavar="RUN_FOLDER", help="folder of the run, with its .lgprun segments")]
+    folder: Annotated[Positional[Path], arg(metavar="RUN_FOLDER", help="folder of the run, with .lgprun segments")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.drive.h5", help="drive log to write")]
     map: Path | None = None
-    """the database that the run used, if it has moved"""
+    """map of the run, if it has moved"""
     vehicle: Path | None = None
-    """its vehicle file, if it has moved"""
+    """vehicle file of the run, if it has moved"""
     force: bool = False
-    """replace an output that exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Recover."""
-        from lgprjax.batch import options_as_provenance, write_run_drive
-        from lgprjax.formats import MapFile, read_run, read_vehicle
-        from lgprjax.runtime.registration.search import options_of
+        from lgprjax.formats import read_run
+        from lgprjax.runtime.drive_log import drive_of_run
 
         reading = read_run(self.folder)
         check_outputs(self.output, force=self.force)
         with working(f"reading {self.folder}"):
             found = reading.summary
-        _tell(found, self.folder)
+        _print_recording(found, self.folder)
         if not found.records:
-            raise InputError(self.folder, "segments", "a whole record", "none: nothing can be recovered")
-        config = _config_of(self.folder)
+            raise InputError(self.folder, "segments", "an intact record", "none: nothing can be recovered")
+        config = config_of_run(self.folder)
         if config.coverage is not None:
-            expected = "a run that located its scans on a map (lgprjax cover record takes runs of field plans)"
+            expected = "a run with radar and map (use lgprjax cover record for runs of a field plan)"
             raise InputError(self.folder, "run", expected, "a run of a field plan, without radar")
-        vehicle = read_vehicle(self.vehicle or config.path(config.vehicle))
-        with MapFile.open(self.map or config.path(config.map)) as source, working(f"writing {self.output}"):
-            drive = write_run_drive(
-                reading,
-                self.output,
-                source=source,
-                vehicle=vehicle,
-                position_sigma_m=config.sensors.gnss_sigma_m,
-                registration=options_as_provenance(options_of(config)),
-                force=self.force,
+        with working(f"writing {self.output}"):
+            drive = drive_of_run(
+                reading, config, self.output, map_file=self.map, vehicle_file=self.vehicle, force=self.force
             )
         left_out = f", {drive.left_out} left out" if drive.left_out else ""
-        message = f"wrote {self.output}: {drive.seconds:.1f} s, {drive.scans} scans{left_out}"
-        console.print(message, highlight=False, markup=False, soft_wrap=True)
+        verdict(
+            f"wrote {self.output}: {drive.seconds:.1f} s, {drive.scans} scans{left_out}",
+            f"check {self.output} --health",
+        )
 
 
-def _config_of(folder: Path) -> "RuntimeConfig":
-    """The run's configuration, its paths relative to its original folder."""
+def config_of_run(folder: Path) -> "RuntimeConfig":
+    """Configuration of the run, with paths relative to its original folder."""
     from lgprjax.runtime.config import read_config
 
     config = read_config(folder / "config.toml")
@@ -375,11 +398,11 @@ def _config_of(folder: Path) -> "RuntimeConfig":
     return config
 
 
-def _tell(found: "RunSummary", folder: Path) -> None:
-    """Print one table: intact and damaged parts."""
+def _print_recording(found: "RunSummary", folder: Path) -> None:
+    """Print a table of the intact and damaged parts."""
     table = Table("recording", "found", title=str(folder))
     table.add_row("segments", str(found.segments))
-    table.add_row("whole records", str(found.records))
+    table.add_row("intact records", str(found.records))
     table.add_row("ended", "interrupted" if found.end is None else found.end)
     for each in found.cut:
         table.add_row(
@@ -391,7 +414,7 @@ def _tell(found: "RunSummary", folder: Path) -> None:
         table.add_row("lost", f"{lost.last - lost.first + 1} records, numbers {lost.first} to {lost.last}")
     for ring, count in found.dropped.items():
         if count:
-            table.add_row("never recorded", f"{count} messages of {ring} were dropped for lack of room")
+            table.add_row("not recorded", f"{count} messages of {ring} dropped, buffer full")
     table.add_row("complete", "yes" if found.complete else "no")
     console.print(table, highlight=False, markup=False)
 
@@ -401,18 +424,15 @@ _EXAMPLES = ("onboard", "sites", "tuning")
 
 @dataclass(frozen=True)
 class Examples:
-    """Copy the example files into a folder: generated sites, studies with the drives they need, onboard configurations.
-
-    For example: lgprjax examples -o my, then lgprjax simulate my/sites/village.toml -o my/drives.
-    """
+    """Copy the example files into a folder: synthetic sites, studies with their drives, onboard configurations."""
 
     output: Annotated[Path, arg(aliases=("-o",), metavar="DIR")] = Path("lgprjax-examples")
     """folder to write to, created if missing"""
     force: bool = False
-    """replace files that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
-        """Copy; nothing is written if one of the files exists."""
+        """Copy; without ``force`` nothing is written if one of the files exists."""
         files = [
             (folder, path)
             for folder in _EXAMPLES
@@ -422,11 +442,15 @@ class Examples:
         for folder, path in files:
             if (self.output / folder / path.name).exists() and not self.force:
                 raise InputError(
-                    self.output / folder / path.name, "output", "a new file, or --force", "one that exists"
+                    self.output / folder / path.name, "output", "a new file, or --force", "an existing file"
                 )
         for folder, path in files:
             (self.output / folder).mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, self.output / folder / path.name)
         for folder in _EXAMPLES:
             names = ", ".join(path.name for at, path in files if at == folder)
-            console.print(f"{self.output / folder}: {names}", highlight=False, soft_wrap=True, markup=False)
+            say(f"{self.output / folder}: {names}")
+        verdict(
+            f"copied {counted(len(files), 'file')} to {self.output}",
+            "simulate village -o drives",
+        )

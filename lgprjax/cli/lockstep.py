@@ -1,10 +1,9 @@
 """``run --simulate --lockstep``: the runtime and its simulated devices in simulated seconds.
 
-The control loop, the registration's search, the parsers of the lines and the recording are the vehicle's own, and so
-are the processes of the page and of a field's worked map. What is left out is the computer: the other processes, their
-rings and threads, and its clock. The devices' world advances by 2 ms at a time, the control loop is stepped every
-20 ms, and a fix is ready in the tick after the one its scan came in: a computer that keeps up. However slow the machine
-is, nothing comes late.
+Control loop, registration, port parsers and recording are those of the vehicle, and so are the processes of the
+display page and of the coverage map. The other processes, their ring buffers and threads, and the clock of the computer
+are left out. The simulated devices advance by 2 ms, the control loop runs every 20 ms, and a fix is ready in the tick
+after its scan. The result does not depend on the speed of the machine.
 """
 
 import json
@@ -24,6 +23,7 @@ from lgprjax.run_segment import ORIGINS
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore, load_vehicle
 from lgprjax.runtime.control.program import header_record
+from lgprjax.runtime.control.record import RecordCore
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.main import process_command
@@ -45,11 +45,11 @@ _TICK_NS, _STEP_NS, _LATENCY_NS = int(TICK_S * 1e9), 2_000_000, 1_000_000
 _FRAMES = {"drive_by_wire": Source.DRIVE_BY_WIRE, "controller": Source.CONTROLLER, "radar": Source.RADAR}
 _AFTER_ARRIVAL_S = 2.0
 _LATEST_DESCRIPTION_S = 30.0
-"""Simulated seconds within which the radar must have described its scans, calibration and look-up included."""
+"""Limit in simulated seconds for the radar to describe its scans, calibration and look-up included."""
 
 
 class Progress(NamedTuple):
-    """Where a run is: simulated seconds, mode, speed, way to go. NaN where there is no pose or no route yet."""
+    """Progress of a run: simulated seconds, mode, speed, distance to go. NaN without pose or route."""
 
     time_s: float
     mode: str
@@ -58,14 +58,14 @@ class Progress(NamedTuple):
 
     @property
     def line(self) -> str:
-        """For a person; what is not known yet is left out."""
+        """Progress in words; unknown values are omitted."""
         known = ((self.speed_mps, f"{self.speed_mps:.1f} m/s"), (self.to_go_m, f"{self.to_go_m:.0f} m to go"))
         told = [text for number, text in known if math.isfinite(number)]
         return ", ".join((f"{self.time_s:.0f} s simulated", self.mode, *told))
 
 
 class _Line:
-    """A line in lock step: what a ``Port`` is to a process."""
+    """A port in lock step, in place of ``Port``."""
 
     def __init__(self, name: str, send: Callable[[bytes], None]) -> None:
         self._parser, self._receiver, self._send = FrameParser(), Receiver(name), send
@@ -90,7 +90,7 @@ class _Line:
         return came
 
     def take_refused(self) -> list[Arrival[RefusedBytes]]:
-        """What was refused since the last call."""
+        """Frames refused since the last call."""
         refused, self._refused = self._refused, []
         return refused
 
@@ -103,7 +103,7 @@ class _Line:
 
 
 class _Log:
-    """A ring's writing end, straight to the recording."""
+    """The writing end of a ring buffer, directly to the recording."""
 
     def __init__(self, writer: SegmentWriter, name: str, also: Callable[[Record], None] = lambda _: None) -> None:
         self._writer, self._origin, self._also = writer, ORIGINS.index(name), also
@@ -120,10 +120,10 @@ class LockStep:
     """A vehicle, its devices and its runtime.
 
     Args:
-        config: of the run, as written into its folder.
-        spec: of the devices.
-        folder: of the run.
-        shown: rings of a display process.
+        config: configuration of the run, as written to its folder.
+        spec: specification of the simulated devices.
+        folder: folder of the run.
+        shown: ring buffers of a display process.
 
     Raises:
         InputError: a file of the configuration, or the spec, cannot be used.
@@ -135,9 +135,12 @@ class LockStep:
         # The computer's clock at the beginning, so that dates of the recording are right.
         self._begin_ns = self._now_ns = self._due_ns = time.monotonic_ns()
         self.stage = make(self._begin_ns)
-        self._loaded = load_vehicle(config)
+        self._records = config.mode == "record"
+        self._loaded = None if self._records else load_vehicle(config)
         session = draw_session()
-        self.core = ControlCore(config, self._loaded, session=session, after_death=False)
+        self.core: ControlCore | RecordCore = RecordCore(config)
+        if self._loaded is not None:
+            self.core = ControlCore(config, self._loaded, session=session, after_death=False)
         run = uuid.uuid4().bytes
         tell_run(folder, run, config.file)
         self._writer = SegmentWriter(folder, run, 0, 0, config.recording.segment_s)
@@ -147,7 +150,9 @@ class LockStep:
         self._told: list[Record] = []
         self._arrived_ns: int | None = None
         self._control.put(pack(header_record(config, self._loaded, session, self._now_ns, after_death=False)))
-        self._lines = {name: _Line(name, self._sender(name)) for name in _FRAMES}
+        self._lines = {
+            name: _Line(name, self._sender(name)) for name in _FRAMES if getattr(config.ports, name) is not None
+        }
         self._gnss = GnssParser()
         self._came: list[Record] = []
         self._pending: list[tuple[int, Record]] = []
@@ -168,20 +173,26 @@ class LockStep:
                     if time.monotonic() - reported_s > 0.5:
                         reported_s = time.monotonic()
                         report(self._progress)
-                self._log(self.core.release(self._now_ns))
+                last = self.core.release(self._now_ns)
+                if last is not None:
+                    self._log(last)
             finally:
                 self._writer.close("ended")
         return timeline_of(self._told)
 
     def write_truth(self, path: Path) -> None:
-        """How it truly went, beside the recording."""
+        """Write the true poses to a file in the folder of the run."""
         self.stage.truth.write(path, {"simulated_s": (self._now_ns - self._begin_ns) / 1e9})
 
     @property
     def _progress(self) -> Progress:
-        state = self.core.kind.state(1)
+        core, passed_s = self.core, (self._now_ns - self._begin_ns) / 1e9
+        if isinstance(core, RecordCore):
+            state = core.state(1, self._now_ns)
+            return Progress(passed_s, str(state["mode"]), float(state["speed_mps"]), math.nan)
+        state = core.kind.state(1)
         numbers = [float(state.get(name) or 0.0) for name in ("speed_mps", "to_go_m")]
-        return Progress((self._now_ns - self._begin_ns) / 1e9, self.core.modes.mode.name, *numbers)
+        return Progress(passed_s, core.modes.mode.name, *numbers)
 
     @property
     def _finished(self) -> bool:
@@ -192,7 +203,7 @@ class LockStep:
         for name in processes_of(self._config):
             if name not in ("registration", "output"):
                 self._ready(name)
-        if self._config.coverage is not None:
+        if self._config.coverage is not None or self._config.ports.radar is None:
             return
         config = self._config
         port, log, notes = (
@@ -205,6 +216,9 @@ class LockStep:
             if self._now_ns - self._begin_ns > 1e9 * _LATEST_DESCRIPTION_S:
                 raise InputError(config.file, "simulation", "a radar that describes its scans", "none")
             self._advance()
+        if self._records:
+            self._ready("registration")
+            return
         source = held.enter_context(MapFile.open(config.path(config.map)))
         vehicle = read_vehicle(config.path(config.vehicle))
         description = self._said.description
@@ -231,7 +245,7 @@ class LockStep:
         for line, data in stage.emit(now_ns):
             if line in self._lines:
                 self._lines[line].feed(data, now_ns)
-            else:
+            elif line == "gnss" and self._config.ports.gnss is not None:
                 found = [each for each in self._gnss.feed(data) if isinstance(each, bytes)]
                 self._came += [Record(RecordKind.PORT_IN, Source.GNSS, 0, now_ns, raw) for raw in found]
         if self._radar is not None:
@@ -250,6 +264,11 @@ class LockStep:
             radar.take(frame)
             if frame.name not in SCAN_MESSAGES:
                 self._said.take(frame)
+            elif self._records:
+                head = json.dumps({"scans": 1}).encode()
+                self._came.append(Record(RecordKind.EVENT, Source.REGISTRATION, 0, arrival.mono_ns, head))
+                if self._shown is not None:
+                    self._shown.scan(record)
             elif self._queue is not None:
                 self._queue.take(frame, arrival.mono_ns)
             else:
@@ -259,7 +278,8 @@ class LockStep:
     def _control_tick(self) -> None:
         now_ns = self._now_ns
         self._tick += 1
-        for name in ("drive_by_wire", "controller"):
+        serial = [name for name in ("drive_by_wire", "controller") if name in self._lines]
+        for name in serial:
             frames = self._lines[name].take()
             self._came += [Record(RecordKind.PORT_IN, _FRAMES[name], 0, each.mono_ns, each.item.raw) for each in frames]
         due = [record for time_ns, record in self._pending if time_ns <= now_ns]
@@ -283,7 +303,7 @@ class LockStep:
                 self._shown.worked(record)
             if record.kind is RecordKind.PRIOR and self._queue is not None:
                 self._queue.priors.take(record.payload)
-        for name in ("drive_by_wire", "controller"):
+        for name in serial:
             for refused in self._lines[name].take_refused():
                 payload = bytes([int(refused.item.reason)]) + refused.item.data
                 self._control.put(pack(Record(RecordKind.REFUSED, _FRAMES[name], self._tick, refused.mono_ns, payload)))
@@ -311,7 +331,7 @@ class LockStep:
         return lambda frame: self.stage.receive(name, frame, self._now_ns + _LATENCY_NS)
 
     def _note(self, record: Record) -> None:
-        """What the time line is made of."""
+        """Keep the records of the event list."""
         if record.kind in (RecordKind.EVENT, RecordKind.PLAN, RecordKind.SKID_PLAN, RecordKind.HEADER):
             self._told.append(record)
         ends = record.kind is RecordKind.EVENT and b'"ROUTE_OFF"' in record.payload
@@ -320,7 +340,7 @@ class LockStep:
 
 
 class _Into:
-    """A ring whose reader is the control loop's next tick."""
+    """A ring buffer that the next tick of the control loop reads."""
 
     def __init__(self, came: list[Record]) -> None:
         self._came = came
@@ -331,23 +351,27 @@ class _Into:
 
 
 class Page:
-    """The rings of the display process, and of a field's coverage process, beside a run in lock step."""
+    """Ring buffers of the display process and of the coverage process of a run in lock step."""
 
     def __init__(self, rings: Path) -> None:
-        self._state, self._requests, self._cover = (
-            Ring.create(rings / name, RINGS[name]) for name in ("state", "requests", "cover")
+        self._state, self._requests, self._cover, self._scans = (
+            Ring.create(rings / name, RINGS[name]) for name in ("state", "requests", "cover", "page_scans")
         )
 
     def show(self, state: Record) -> None:
-        """To the page; it judges ages by the computer's clock."""
+        """Send a state to the page, which computes ages by the computer's clock."""
         self._state.put(pack(state._replace(mono_ns=time.monotonic_ns())))
+
+    def scan(self, record: Record) -> None:
+        """A scan, to the page's radargram."""
+        self._scans.put(pack(record))
 
     def worked(self, record: Record) -> None:
         """A moment of work or a corner, to the coverage process."""
         self._cover.put(pack(record))
 
     def requests(self) -> list[Record]:
-        """What the page asks for."""
+        """Requests of the page."""
         found = []
         for message in self._requests.take():
             with suppress(ValueError):
@@ -357,7 +381,7 @@ class Page:
 
 @contextmanager
 def page_beside(config: RuntimeConfig, rings: Path, folder: Path) -> Iterator[Page]:
-    """Display, and coverage of a field, as processes for as long as the block lasts; one that dies is missed."""
+    """Run display and coverage processes during the block; a process that ends is not restarted."""
     Heartbeats(rings)
     for name, size in RINGS.items():
         Ring.create(rings / name, size)

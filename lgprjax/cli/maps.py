@@ -1,4 +1,4 @@
-"""``lgprjax map``: build, describe, verify, refine and update subsurface databases."""
+"""``lgprjax map``: build, describe, verify, refine and update maps of the ground."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +11,18 @@ from rich.text import Text
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files
+from lgprjax.cli.terminal import (
+    Level,
+    UsageError,
+    console,
+    counted,
+    detail,
+    progress_bar,
+    require_files,
+    say,
+    verdict,
+    working,
+)
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,32 +32,36 @@ if TYPE_CHECKING:
     from lgprjax.registration import Chance
 
 
-# ``lgprjax map info``: coverage, origin and size of a subsurface database.
+# ``lgprjax map info``: coverage, origin and size of a map.
 
 _RISK = 1e-4
 
 
 @dataclass(frozen=True)
 class MapInfo:
-    """Show the coverage and the origin of a subsurface database."""
+    """Show coverage, origin and acceptance scores of a map; with -v also how the file is stored."""
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
-    verbose: bool = False
-    """also show how the file is stored: bytes of each part, tiles, precision, steps of processing"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace that file if it exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Print."""
-        figures = print_info(self.file, verbose=self.verbose)
+        figures = print_info(self.file)
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
+        verdict(_size(self.file, figures), f"map verify {self.file}")
+
+
+def _size(path: Path, figures: dict[str, Any]) -> str:
+    """A map in one line."""
+    return f"{path}: {counted(figures['baselines'], 'baseline')}, {figures['length_m']:.1f} m"
 
 
 def _labels(sigma_m: tuple[float, ...]) -> str:
-    """Position sigmas stated by the navigation of each baseline."""
+    """Position sigmas of the navigation of each baseline."""
     from lgprjax.batch.assumptions import UNSTATED
 
     if not any(sigma_m):
@@ -56,13 +71,13 @@ def _labels(sigma_m: tuple[float, ...]) -> str:
 
 
 def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
-    """Scores of foreign ground on this map, and those required of a match."""
+    """Scores of other ground on this map, and the scores that a match needs."""
     from lgprjax.registration import ladder_of, least_z
 
     if chance is None:
-        later = "not in this file: measured at the first registration"
+        later = "not in this file; measured at the first registration"
         return {"noise_floor": later, "least_score": None, "sigma_scale": later}
-    pooled = "pooled over many grounds: this map is too small for its own"
+    pooled = "pooled over many sites; this map is too small for its own"
     least = [round(float(score), 2) for score in least_z(_RISK, chance)]
     return {
         "noise_floor": f"{'own' if chance.own else pooled}; {chance.pieces} independent pieces",
@@ -71,15 +86,15 @@ def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
         },
         "sigma_scale": f"{chance.sigma_scale:.2f}; "
         + (
-            f"{chance.left_out} pieces of baselines left out and registered on the others"
+            f"{chance.left_out} sections of baselines, each left out and registered on the others"
             if chance.left_out
-            else "pooled over many grounds: baselines do not overlap"
+            else "pooled over many sites; baselines do not overlap"
         ),
     }
 
 
-def print_info(path: Path, *, verbose: bool = False) -> dict[str, object]:
-    """Print the table of a database; the same figures by name, with all their digits and how the file is stored."""
+def print_info(path: Path) -> dict[str, Any]:
+    """Print the table of a map. Returns all figures by name, unrounded."""
     import numpy as np
 
     from lgprjax.batch import map_assumed_in_words
@@ -90,7 +105,7 @@ def print_info(path: Path, *, verbose: bool = False) -> dict[str, object]:
         step = np.hypot(*np.diff(pose[:, :2], axis=0).T)
         along = float(step[np.diff(source.drive) == 0].sum())
         low, high = pose[:, :2].min(axis=0), pose[:, :2].max(axis=0)
-        figures: dict[str, object] = {
+        figures: dict[str, Any] = {
             "name": description.name,
             "anchor_latitude_deg": description.frame.latitude_deg,
             "anchor_longitude_deg": description.frame.longitude_deg,
@@ -117,27 +132,27 @@ def print_info(path: Path, *, verbose: bool = False) -> dict[str, object]:
         }
         assumed = map_assumed_in_words(source)
     table = Table("quantity", "value", title=f"{path.name}")
-    for name, value in _for_people(figures, verbose=verbose):
+    for name, value in _rows(figures):
         table.add_row(name, value)
     console.print(table)
     if assumed is not None:
-        console.print(f"assumed: {assumed}", highlight=False, markup=False, soft_wrap=True)
+        say(f"assumed: {assumed}")
     return {**figures, "assumed": assumed}
 
 
 _HOW_STORED = ("track_filter_m", "tiles", "precision", "steps")
-"""Rows that few readers want; those of bytes are others."""
+"""Rows of the verbose table, besides the bytes of each part."""
 
 
-def _for_people(figures: dict[str, Any], *, verbose: bool) -> Iterator[tuple[str, str]]:
-    """Quantities in words, with their units and no more digits than they are good for."""
+def _rows(figures: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Quantities with rounded values and units."""
     (west, east), (south, north) = figures["east_m"], figures["north_m"]
     low, high = figures["band_mhz"]
     latitude, longitude = figures["anchor_latitude_deg"], figures["anchor_longitude_deg"]
     yield "name", str(figures["name"])
-    yield "origin, latitude and longitude", f"{latitude:.7f}°, {longitude:.7f}°"
-    yield "extent from there", f"{west:.1f} to {east:.1f} m east, {south:.1f} to {north:.1f} m north"
-    yield "baselines", f"{figures['baselines']}, {figures['length_m']:.1f} m in all"
+    yield "origin, latitude, longitude", f"{latitude:.7f}°, {longitude:.7f}°"
+    yield "extent from the origin", f"{west:.1f} to {east:.1f} m east, {south:.1f} to {north:.1f} m north"
+    yield "baselines", f"{figures['baselines']}, {figures['length_m']:.1f} m in total"
     step_cm = 100.0 * figures["station_step_m"]
     yield "stations", f"{figures['stations']}, {step_cm:.1f} cm apart" + _retired(figures["retired"])
     pitch = f", {100.0 * figures['channel_pitch_m']:.1f} cm apart" if figures["channels"] > 1 else ""
@@ -147,15 +162,15 @@ def _for_people(figures: dict[str, Any], *, verbose: bool) -> Iterator[tuple[str
         "travel time",
         f"{figures['travel_time_ns']:.1f} ns, {0.05 * figures['travel_time_ns']:.1f} m deep at 0.1 m/ns",
     )
-    yield "labels", str(figures["labels"])
+    yield "position labels", str(figures["labels"])
     yield "noise floor", str(figures["noise_floor"])
     if figures["least_score"] is not None:
-        yield "least score of a match", _scores(figures["least_score"])
-    yield "scale of sigmas", str(figures["sigma_scale"])
+        yield "required score of a match", _scores(figures["least_score"])
+    yield "factor on sigmas", str(figures["sigma_scale"])
     if figures["weight"]:
         yield "weights of the baselines", ", ".join(f"{weight:.2f}" for weight in figures["weight"])
-    yield "size", f"{figures['bytes_per_m'] / 1e3:.1f} kB a metre"
-    for name, value in figures.items() if verbose else ():
+    yield "file size", f"{figures['bytes_per_m'] / 1e3:.1f} kB per metre"
+    for name, value in figures.items() if console.level is Level.VERBOSE else ():
         if name in _HOW_STORED or name.startswith("bytes_per_m_"):
             yield name, ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
@@ -166,22 +181,22 @@ def _retired(stations: int) -> str:
 
 def _scores(least: dict[str, float]) -> str:
     scores = ", ".join(f"{window} {score:.2f}" for window, score in least.items())
-    return f"{scores} noise floors by window (risk {_RISK:g}, one search)"
+    return f"{scores} noise floors by window length (risk {_RISK:g}, one search)"
 
 
-# ``lgprjax map refine``: make the baselines of a map consistent.
+# ``lgprjax map refine``: align the baselines of a map with each other.
 
 
 @dataclass(frozen=True)
 class MapRefine:
-    """Make the baselines of a map consistent: register each on the others, correct its labels, write a new map."""
+    """Align the baselines of a map: register each on the others, correct its position labels, write a new map."""
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
-    output: Annotated[Path, arg(aliases=["-o"], metavar="NEW.map.h5", help="database to write")]
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="NEW.map.h5", help="map to write")]
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Refine."""
@@ -192,27 +207,30 @@ class MapRefine:
             check_outputs(self.output, self.json, force=self.force)
         with locked_map(self.output), MapFile.open(self.file) as source:
             plan = plan_matches(source)
-            with progress_bar("matching baselines", 2 * len(plan.pairs.station), "matches") as progress:
+            with progress_bar("registering baselines", 2 * len(plan.pairs.station), "matches") as progress:
                 agreed = refine_map(
                     source, plan, self.output, force=self.force, progress=progress, stage=progress.stage
                 )
             files = baseline_files(source)
-        _print(self.output, agreed, files)
+        _print(agreed, files)
         if self.json is not None:
             write_figures(self.json, _figures(agreed), force=self.force)
+        before, after = agreed.before.rms_m, agreed.after.rms_m
+        moved = f"residual {before:.3f} m RMS before, {after:.3f} m after" if agreed.kept else "labels unchanged"
+        verdict(f"wrote {self.output}: {agreed.kept} matches kept, {moved}", f"map verify {self.output}")
 
 
-def _print(path: Path, agreed: "AgreedBaselines", files: list[str]) -> None:
+def _print(agreed: "AgreedBaselines", files: list[str]) -> None:
     from lgprjax.mapping.align import agreement_in_words
 
-    table = Table("baseline", "matches", "believed", "moved RMS m", "largest m", "label sigma m", "after m")
+    table = Table("baseline", "matches", "kept", "moved, RMS m", "moved, max m", "label sigma m", "new sigma m")
     for change in agreed.baselines:
         row = [str(change.drive), str(change.matches), str(change.kept)]
         row += [f"{change.moved_rms_m:.3f}", f"{change.moved_max_m:.3f}", f"{change.sigma_before_m:.3f}"]
-        table.add_row(*row, f"{change.sigma_after_m:.3f}" if change.kept else "as it was")
+        table.add_row(*row, f"{change.sigma_after_m:.3f}" if change.kept else "unchanged")
     console.print(table)
-    for line in [*agreement_in_words(agreed, files), f"wrote {path}"]:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    for line in agreement_in_words(agreed, files):
+        say(line)
 
 
 def _figures(agreed: "AgreedBaselines") -> dict[str, object]:
@@ -233,20 +251,20 @@ def _figures(agreed: "AgreedBaselines") -> dict[str, object]:
     }
 
 
-# ``lgprjax map update``: update a map by new drives.
+# ``lgprjax map update``: add new drives to a map.
 
 
 @dataclass(frozen=True)
 class MapUpdate:
-    """Add drives to a map as baselines, weight all of them, and retire ground that two newer drives find changed."""
+    """Add drives to a map as baselines, weight all baselines, and retire ground that two newer drives find changed."""
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5; without -o it is replaced")]
-    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
-    output: Annotated[Path | None, arg(aliases=["-o"], metavar="NEW.map.h5", help="write a new database")] = None
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5; replaced unless -o is given")]
+    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over the map")]
+    output: Annotated[Path | None, arg(aliases=["-o"], metavar="NEW.map.h5", help="map to write")] = None
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Update."""
@@ -264,47 +282,46 @@ class MapUpdate:
                 self.file, self.drives, self.output, force=self.force, progress=progress, stage=progress.stage
             )
         _print_update(update)
-        _say(f"wrote {self.output or self.file}")
         if self.json is not None:
             write_figures(self.json, update.as_json(), force=self.force)
+        written = self.output or self.file
+        retired = sum(drive.retired for drive in update.drives)
+        added = counted(len(update.drives), "baseline")
+        verdict(f"wrote {written}: {added} added, {counted(retired, 'station')} retired", f"map verify {written}")
 
 
 def _print_update(update: "UpdatedMap") -> None:
     from lgprjax.mapping.weights import changes_in_words
 
     for drive in update.drives:
-        _say(
-            f"{drive.name}: baseline {drive.baseline}, {drive.length_m:.0f} m, {drive.over_map_m:.0f} m of them over "
-            f"the map's ground, {100 * drive.ok_share:.0f} % of the scans there ok"
+        say(
+            f"{drive.name}: baseline {drive.baseline}, {drive.length_m:.0f} m, {drive.over_map_m:.0f} m over the map, "
+            f"{100 * drive.ok_share:.0f} % of the scans there ok"
         )
-        _say(
-            f"  labels moved by {drive.moved_rms_m:.3f} m RMS, {drive.moved_max_m:.3f} m at most, over "
-            f"{drive.corrected_m:.0f} m; {drive.length_m - drive.corrected_m:.0f} m stay as given"
+        say(
+            f"  labels corrected over {drive.corrected_m:.0f} m: {drive.moved_rms_m:.3f} m RMS, "
+            f"max {drive.moved_max_m:.3f} m; {drive.length_m - drive.corrected_m:.0f} m unchanged"
         )
         if drive.held_back:
-            _say(
-                f"  {drive.held_back} of {drive.stations} stations are held back: not located, or in conflict "
-                "with the map until a second drive agrees"
+            say(
+                f"  {drive.held_back} of {drive.stations} stations held back: not located, or in conflict with the "
+                "map and not yet confirmed by a second drive"
             )
         for line in changes_in_words(drive, update.files):
-            _say(f"  {line}")
+            say(f"  {line}")
         if drive.retired or drive.released:
-            _say(f"  {drive.retired} stations retired, {drive.released} that were held back are in force")
+            say(f"  {drive.retired} stations retired, {drive.released} held-back stations released")
     table = Table("baseline", "weight", "reasons", title="weights of the baselines")
     for number, (file, weight) in enumerate(zip(update.files, update.weights, strict=True)):
         table.add_row(f"{number} {file}", f"{weight.weight:.2f}", weight.reasons)
     console.print(table)
 
 
-def _say(text: str) -> None:
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-
-# The picture of a verified map's ground: passes and age, cell by cell.
+# Picture of a verified map: number and age of passes, cell by cell.
 
 
 def draw_map_passes(source: "MapFile", health: "MapHealth", path: Path, *, force: bool) -> None:
-    """Draw number and age of the passes over a verified map's ground.
+    """Draw number and age of the passes over a verified map.
 
     Raises:
         InputError: a part of the map is damaged; the file exists (without ``force``) or cannot be written.
@@ -338,21 +355,21 @@ _OUTPUTS = ("places.csv", "agreement.csv", "strips.png", "passes.png", "findings
 
 @dataclass(frozen=True)
 class MapBuild:
-    """Build a subsurface database from drive logs over the same ground."""
+    """Build a map (subsurface database) from drive logs over the same ground."""
 
     drives: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="DRIVE...", help="drive logs; the first defines the map's origin and processing"),
+        arg(metavar="DRIVE...", help="drive logs or run folders; the first defines origin and processing of the map"),
     ]
-    output: Annotated[Path, arg(aliases=["-o"], metavar="M.map.h5", help="database to write")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="M.map.h5", help="map to write")]
     centre_frequency_mhz: float | None = None
-    """centre frequency of the antennas, if missing in the log"""
+    """centre frequency of the antennas, if the log does not contain it"""
     travel_time_ns: float | None = None
-    """largest travel time of the profiles; default: the recording's end, for sweeps fifteen periods"""
+    """maximum two-way travel time of the profiles; default: the end of the recording, for sweeps 15 periods"""
     precision: Literal["full", "standard", "small"] = "standard"
-    """precision of stored traces: full as 16-bit samples, standard in about two bits per number, small in fewer"""
+    """precision of stored traces: full (16-bit samples), standard (about two bits per value), small (fewer bits)"""
     force: bool = False
-    """replace an output that exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Build."""
@@ -366,15 +383,16 @@ class MapBuild:
             )
         if self.travel_time_ns is not None and not 1.0 <= self.travel_time_ns <= 1e5:
             raise UsageError(f"--travel-time-ns: expected 1 to 100000, in ns, found {self.travel_time_ns:g}")
+        drives = tuple(_drive_of(path) for path in self.drives)
         scans = 0
-        for path in self.drives:
+        for path in drives:
             with DriveLog.open(path) as log:
                 scans += log.scans
         check_outputs(self.output, force=self.force)
         frequency = None if self.centre_frequency_mhz is None else 1e6 * self.centre_frequency_mhz
         with locked_map(self.output), progress_bar("building map", scans) as progress:
             build_map(
-                self.drives,
+                drives,
                 self.output,
                 centre_frequency_hz=frequency,
                 travel_time_ns=self.travel_time_ns,
@@ -383,26 +401,45 @@ class MapBuild:
                 progress=progress,
                 stage=progress.stage,
             )
-        console.print(f"wrote {self.output}", highlight=False, markup=False, soft_wrap=True)
-        print_info(self.output)
+        figures = print_info(self.output)
+        verdict(f"wrote {_size(self.output, figures)}", f"map verify {self.output}")
+
+
+def _drive_of(path: Path) -> Path:
+    """A drive log; of a run folder the one that the run wrote, or that is written now from its records."""
+    if not (path / "run.json").is_file():
+        return path
+    from lgprjax.cli.data import config_of_run
+    from lgprjax.formats import read_run
+    from lgprjax.runtime.drive_log import drive_of_run
+
+    config = config_of_run(path)
+    if config.coverage is not None:
+        raise InputError(path, "run", "a run with radar", "a run of a field plan, without radar")
+    output = path / f"{config.name}.drive.h5"
+    if not output.exists():
+        with working(f"writing {output}"):
+            drive = drive_of_run(read_run(path), config, output)
+        say(f"wrote {output}: {drive.seconds:.1f} s, {drive.scans} scans")
+    return output
 
 
 @dataclass(frozen=True)
 class MapVerify:
-    """Verify a map: coverage, holes, weak or ambiguous ground, baselines that disagree."""
+    """Verify a map: coverage, holes, weak or ambiguous ground, inconsistent baselines."""
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
     output: Annotated[
         Path | None,
         arg(aliases=["-o"], metavar="DIR", help="folder for strips.png, passes.png, two tables and findings.json"),
     ] = None
     json: Path | None = None
-    """also write the findings to this file, or - for standard output"""
+    """JSON file for the findings; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
-        """Measure and judge; findings do not change the exit status."""
+        """Verify. Findings do not change the exit status."""
         from lgprjax.formats import MapFile
         from lgprjax.mapping import places_of, verify_map
 
@@ -414,9 +451,14 @@ class MapVerify:
             if self.output is not None:
                 self.output.mkdir(parents=True, exist_ok=True)
                 _write_health(self.output, source, health, self.force)
-                console.print(f"pictures and tables: {self.output}", highlight=False, markup=False, soft_wrap=True)
+                say(f"pictures and tables: {self.output}")
         if self.json is not None:
             write_figures(self.json, health.as_json(), force=self.force)
+        bad = {finding.kind for finding in health.findings if finding.verdict != "good"}
+        following = f"register {self.file} DRIVE... -o DIR"
+        if bad & {"offset", "disagreement"} and health.baselines > 1:
+            following = f"map refine {self.file} -o NEW.map.h5"
+        verdict(f"{self.file}: map {health.verdict}" + (f" ({', '.join(sorted(bad))})" if bad else ""), following)
 
     def _check_outputs(self) -> None:
         check_outputs(self.json, force=self.force)
@@ -424,12 +466,12 @@ class MapVerify:
             raise InputError(self.output, "output", "a folder", "a file")
         for path in () if self.output is None else (self.output / name for name in _OUTPUTS):
             if path.exists() and not self.force:
-                raise InputError(path, "output", "a new file, or --force", "one that exists")
+                raise InputError(path, "output", "a new file, or --force", "an existing file")
 
 
 def _print_health(path: Path, health: "MapHealth") -> None:
     title = f"{path.name}: {health.length_m:.0f} m of route, {health.baselines} baselines"
-    table = Table("finding", "value", "look / bad at", "verdict", "where along the route", title=title)
+    table = Table("finding", "value", "look / bad at", "verdict", "metres along the route", title=title)
     for finding in health.findings:
         verdict = Text(finding.verdict, _VERDICT_STYLE[finding.verdict])
         limits = f"{finding.look:g} / {finding.bad:g}"
@@ -439,12 +481,11 @@ def _print_health(path: Path, health: "MapHealth") -> None:
     for finding in health.findings:
         console.print(f"{finding.verdict}: {finding.kind}: {finding.text}", highlight=False, markup=False)
     per_km = 1e3 * health.seconds / health.length_m / 60.0
-    took = f"took {health.seconds:.0f} s, {per_km:.1f} min a kilometre of route"
-    console.print(f"{path}: map {health.verdict} ({took})", highlight=False, markup=False, soft_wrap=True)
+    detail(f"{health.seconds:.0f} s, {per_km:.1f} min per kilometre of route")
 
 
 def _where(intervals: "tuple[RouteInterval, ...]") -> str:
-    """The longest intervals in metres along the route, in order."""
+    """The longest intervals, in metres along the route."""
     longest = sorted(intervals, key=lambda each: each.start_m - each.stop_m)[:_INTERVALS]
     parts = []
     for each in sorted(longest, key=lambda each: each.start_m):

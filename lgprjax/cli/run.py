@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -16,7 +17,7 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, progress_bar, working
+from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, counted, progress_bar, say, verdict, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,42 +28,42 @@ _RECEIVERS, _PAGE = ("pynmeagps", "pyubx2"), ("starlette", "uvicorn", "websocket
 
 @dataclass(frozen=True)
 class Run:
-    """Run the onboard runtime from a configuration, on a vehicle's devices or on simulated ones.
+    """Run the onboard runtime from a configuration, on the devices of a vehicle or on simulated devices.
 
-    The configuration says how radar, GNSS/INS, drive-by-wire box and operator controller are connected. Only the
-    controller engages the vehicle; the display page shows and selects routes. A run is recorded in its own folder and,
-    at its end, converted to a drive log next to it. Ctrl-C or SIGTERM ends the run.
+    The configuration defines the connections of radar, GNSS/INS, drive-by-wire box and operator controller. Only the
+    operator controller engages the vehicle; the display page shows and selects routes. Every run is recorded in a
+    folder of its own, with a drive log written at the end. Ctrl-C or SIGTERM ends the run.
     """
 
-    config: Annotated[Positional[Path], arg(metavar="CONFIG.toml", help="configuration, see onboard/")]
+    config: Annotated[Positional[Path], arg(metavar="CONFIG.toml", help="configuration; see lgprjax examples")]
     simulate: bool = False
-    """start simulated devices as configured in [simulation]; missing map and route, or plan, are created. Status 0 if
-    the autopilot was engaged and arrived at the end of its route or plan, else 1 with the reason"""
+    """start the simulated devices of [simulation]; create map and route, or plan, if missing. Exit status 0 if the
+    autopilot engaged and arrived at the end of its route or plan, else 1 with the reason"""
     lockstep: bool = False
-    """with --simulate: run in simulated time, as fast as this machine can; the default where a one-second measurement
-    shows that it cannot keep real time"""
+    """with --simulate: run in simulated time, as fast as this machine allows; default if a one-second measurement shows
+    that the machine does not keep real time"""
     realtime: bool = False
-    """with --simulate: run in real time, whatever that measurement shows"""
+    """with --simulate: run in real time, without that measurement"""
     replay: Annotated[Path | None, arg(metavar="RUN_FOLDER")] = None
-    """run the control loop again on a recording: every command must be identical to the bit"""
+    """repeat the control loop on a recorded run and compare: all commands must be bit-identical"""
     preflight: bool = False
-    """check everything that a run needs without sending anything; status 1 if a check fails"""
+    """check files, devices and settings without sending commands; exit status 1 if a check fails"""
     resume: bool = False
-    """field plans: continue where this machine's earlier runs of the plan ended. All runs in the recording folder count
-    as worked ground, also those copied there from other machines; the tool is off on it"""
+    """field plans: continue where the earlier runs of this machine ended. All runs of the plan in the recording folder
+    count as processed ground, also runs copied from other machines; the tool is off there"""
     start_line: int | None = None
-    """field plans: begin at this line of the plan, counted from 1 in driving order"""
+    """field plans: start at this line of the plan, counted from 1 in driving order"""
     start_m: float = 0.0
-    """with --start-line: begin this many metres along it"""
+    """with --start-line: start at this distance along the line"""
     end_line: int | None = None
-    """field plans: end with this line of the plan; the rest is left to another machine"""
+    """field plans: last line of the plan to drive"""
     for_s: float | None = None
-    """end this many seconds after everything is ready (simulated seconds in lock step); a simulated run also ends on
-    arrival"""
+    """end the run this many seconds after all processes are ready (simulated seconds in lock step); a simulated run
+    also ends on arrival"""
     json: Path | None = None
-    """with --simulate or --replay, also write the figures to this file, or - for standard output"""
+    """with --simulate or --replay: JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace that file if it exists"""
+    """replace existing outputs"""
 
     def run(self) -> int:
         """Run."""
@@ -79,15 +80,15 @@ class Run:
         if self.json is not None and not (self.simulate or self.replay is not None):
             raise UsageError("--json: needs --simulate or --replay as well")
         if self.for_s is not None and not 0.0 < self.for_s < math.inf:
-            raise UsageError(f"--for-s: expected seconds, above 0, found {self.for_s:g}")
+            raise UsageError(f"--for-s: expected a number above 0, found {self.for_s:g}")
         if self.start_m and self.start_line is None:
             raise UsageError("--start-m: needs --start-line as well")
         if self._takes_up and (self.preflight or self.replay is not None):
-            raise UsageError("--resume, --start-line and --end-line: leave them out with --preflight and --replay")
+            raise UsageError("--resume, --start-line and --end-line: not with --preflight or --replay")
         config = read_config(self.config)
         use_cache(config)
         check_outputs(self.json, force=self.force)
-        # A replay shows no page.
+        # A replay has no display page.
         _require_packages(_RECEIVERS if self.replay is not None else _RECEIVERS + _PAGE)
         if self.preflight:
             return _preflight(config)
@@ -96,11 +97,11 @@ class Run:
         if self.simulate:
             return self._simulate(config)
         if config.simulation is not None:
-            # Its ports lead to no device: the runtime would wait for one for ever.
-            expected = "--simulate as well, or no such table where the devices are a vehicle's"
+            # Its ports lead to no device: the runtime would wait forever.
+            expected = "--simulate as well, or no such table for a real vehicle"
             raise InputError(config.file, "simulation", expected, "a table")
-        if config.coverage is None and not config.path(config.map).is_file():
-            raise InputError(config.file, "map", "a map that exists", str(config.path(config.map)))
+        if config.mode == "drive" and config.coverage is None and not config.path(config.map).is_file():
+            raise InputError(config.file, "map", "an existing map", str(config.path(config.map)))
         folder = run_folder(config)
         return _drive(self._resumed(config, folder), folder, self.for_s)
 
@@ -109,7 +110,7 @@ class Run:
         return self.resume or self.start_line is not None or self.end_line is not None
 
     def _resumed(self, config: "RuntimeConfig", folder: Path) -> "RuntimeConfig":
-        """The configuration with what the run takes up of earlier ones, written into its folder."""
+        """The configuration that continues earlier runs, written to the folder of the run."""
         from lgprjax.batch.vehicles import machine_of
         from lgprjax.coverage.resume import RoutePlace
         from lgprjax.formats import read_vehicle
@@ -121,18 +122,18 @@ class Run:
         if not self._takes_up:
             return config
         if config.coverage is None or config.coverage.plan is None:
-            expected = "a plan, which --resume, --start-line and --end-line are about"
+            expected = "a plan, for --resume, --start-line and --end-line"
             raise InputError(self.config, "coverage.plan", expected, "none")
         plan = open_cover_plan(config.path(config.coverage.plan))
         with working("reading earlier runs"):
             runs = runs_by_plan(folder.parent, plan) if self.resume else []
         if self.resume and not runs:
-            raise InputError(folder.parent, "runs", f"one or more by {plan.path.name}", "none: run without --resume")
+            raise InputError(folder.parent, "runs", f"a run of {plan.path.name}", "none; run without --resume")
         place = None if self.start_line is None else RoutePlace(self.start_line - 1, self.start_m)
         if place is None and not self.resume:
             place = RoutePlace(0, 0.0)
         table = config.coverage
-        with progress_bar("working the cells", sum(len(run.rows) for run in runs), "ticks") as progress:
+        with progress_bar("computing cells", sum(len(run.rows) for run in runs), "ticks") as progress:
             held = take_up(
                 plan,
                 runs,
@@ -147,10 +148,10 @@ class Run:
         folder.mkdir(parents=True, exist_ok=True)
         write_taken_up(folder / TAKEN_UP, held)
         at = held.resumption.place
-        print(f"runs taken up: {len(held.runs)}; begins at line {at.line + 1}, metre {at.along_m:.1f}", flush=True)
+        say(f"earlier runs: {len(held.runs)}; start at line {at.line + 1}, metre {at.along_m:.1f}")
         if held.resumption.worked:
             done_m = sum(each.high_m - each.low_m for each in held.resumption.worked)
-            print(f"{done_m:.0f} m of the rest are worked: the tool is off there", flush=True)
+            say(f"{done_m:.0f} m of the remaining swaths are processed: the tool is off there")
         file = folder / "resumed.run.toml"
         write_config(
             file,
@@ -165,18 +166,22 @@ class Run:
 
         with working(f"replaying {folder}"):
             found = replay_run(folder)
-        table = Table("replay", "found", title=str(folder))
+        table = Table("replay", "value", title=str(folder))
         table.add_row("starts of the control loop", str(found.starts))
         table.add_row("ticks", str(found.ticks))
         table.add_row("frames sent", str(found.frames))
-        table.add_row("of these different", str(found.differing))
+        table.add_row("frames that differ", str(found.differing))
         if found.first is not None:
             table.add_row("first difference", f"tick {found.first[0]}, {found.first[1].lower()}")
         if found.broken is not None:
-            table.add_row("records missing", f"before tick {found.broken}: replayed from the start up to there")
+            table.add_row("records missing", f"before tick {found.broken}; replayed up to that tick")
         console.print(table, highlight=False)
         if self.json is not None:
             write_figures(self.json, found._asdict(), force=self.force)
+        if found.ticks:
+            verdict(f"{counted(found.frames, 'frame')} replayed, {found.differing} differ")
+        else:
+            verdict("nothing to replay: no tick in the recording")
         return BAD_INPUT if found.differing or not found.ticks else 0
 
     def _simulate(self, config: "RuntimeConfig") -> int:
@@ -195,16 +200,19 @@ class Run:
 
         table = config.simulation
         if table is None:
-            raise InputError(self.config, "simulation", "a table that says what to simulate", "none")
+            raise InputError(self.config, "simulation", "a table with the simulated devices", "none")
         check_before(config, table)
-        field = config.coverage is not None
-        with working("plan" if field else "course, map and route"):
-            (prepare_field if field else prepare_course)(config, table)
+        field, records = config.coverage is not None, config.mode == "record"
+        if records and self.for_s is None:
+            raise UsageError("--for-s: a simulated run that only records needs its duration in seconds")
+        if not records:
+            with working("creating the plan" if field else "creating course, map and route"):
+                (prepare_field if field else prepare_course)(config, table)
         folder = run_folder(config)
         config = self._resumed(config, folder)
         table = config.simulation
         assert table is not None
-        with working("devices"):
+        with working("preparing simulated devices"):
             spec = field_spec(config, table) if field else course_spec(config, table)
         lockstep = self.lockstep or not (self.realtime or _keeps_real_time())
         folder.mkdir(parents=True, exist_ok=self._takes_up)
@@ -214,26 +222,29 @@ class Run:
             with devices(spec, folder) as addresses:
                 driven = _written(folder, config, addresses)
                 leaves_error = any(line.get("button") == "override" for line in table.script)
-                with ended_when_over(folder, leaves_error=leaves_error) as all_ready:
+                ends = nullcontext() if records else ended_when_over(folder, leaves_error=leaves_error)
+                with ends as all_ready:
                     status = _supervised(driven, folder, self.for_s, all_ready)
             if status:
                 return status
             if not field:
                 _write_drive(driven, folder)
-        with working("figures"):
+        if records:
+            return 0
+        with working("evaluating the run"):
             if field:
                 figures = field_figures(folder, driven)
             else:
-                records = read_records(folder)
-                figures = figures_of(records, folder)
-                draw_timing(timing_of(records, f"Run {folder.name}: from scan to command"), folder / "timing.png")
+                found = read_records(folder)
+                figures = figures_of(found, folder)
+                draw_timing(timing_of(found, f"Run {folder.name}: from scan to command"), folder / "timing.png")
         print_figures(figures, folder)
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
-        return _say_outcome(folder)
+        return _conclude(folder)
 
     def _in_lock_step(self, config: "RuntimeConfig", spec: "dict[str, Any]", folder: Path) -> "RuntimeConfig":
-        """The run without a clock; its configuration as driven."""
+        """Run in simulated time. Returns the configuration of the run."""
         import shutil
         from contextlib import ExitStack
 
@@ -244,8 +255,8 @@ class Run:
         written.write_text(_json.dumps(spec | {"ports": "", "truth": ""}, indent=1), encoding="utf-8")
         driven = _written(folder, config, dict.fromkeys(("drive_by_wire", "controller", "gnss", "radar"), "/dev/null"))
         rings = make_rings_folder()
-        print(f"run: {folder}, in lock step", flush=True)
-        print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
+        say(f"run: {folder}, in simulated time (lock step)")
+        say(f"display: http://{config.display.host}:{config.display.port}")
         with ExitStack() as held:
             held.callback(shutil.rmtree, rings, ignore_errors=True)
             page = held.enter_context(page_beside(driven, rings, folder))
@@ -254,7 +265,7 @@ class Run:
             try:
                 run.run(self.for_s, lambda at: status.update(at.line))
             except KeyboardInterrupt:
-                print("interrupted", flush=True)
+                say("interrupted")
             finally:
                 run.write_truth(folder / "truth.npz")
         if config.coverage is None:
@@ -263,41 +274,41 @@ class Run:
 
 
 def _written(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":
-    """The configuration with its lines' addresses, in the run's folder."""
+    """The configuration with the addresses of the devices, in the folder of the run."""
     from lgprjax.runtime.config import PortsTable, PortTable, read_config, write_config
 
     file = folder / "simulated.run.toml"
-    ports = PortsTable(**{name: PortTable(url=url) for name, url in addresses.items()})
+    used = {name: url for name, url in addresses.items() if getattr(config.ports, name) is not None}
+    ports = PortsTable(**{name: PortTable(url=url) for name, url in used.items()})
     write_config(file, config.model_copy(update={"ports": ports}))
     return read_config(file)
 
 
 def _keeps_real_time() -> bool:
-    """Whether this machine keeps real time now, measured for a second; says so where it does not."""
+    """Whether this machine keeps real time now, measured for a second; prints a line if it does not."""
     from lgprjax.cli.real_time import measure_real_time
 
     with working("measuring whether this machine keeps real time"):
         found = measure_real_time()
     if not found.keeps:
-        print(f"{found.line}: in lock step (--realtime runs it nevertheless)", flush=True)
+        say(f"{found.line}; running in simulated time (--realtime: run in real time)")
     return found.keeps
 
 
-def _say_outcome(folder: Path) -> int:
-    """One line with how a simulated run ended; its exit status."""
+def _conclude(folder: Path) -> int:
+    """Print the outcome of a simulated run. Returns its exit status."""
     from lgprjax.runtime.timeline import read_timeline
 
     found = read_timeline(folder)
     if found.arrived:
-        print("arrived: engaged, and at the end of the way", flush=True)
+        verdict("arrived: engaged, at the end of the route or plan", f"events {folder}")
         return 0
-    late = _devices_late(folder)
-    print(f"did not arrive: {found.shortfall}{late}; lgprjax events {folder} tells more", flush=True)
+    verdict(f"did not arrive: {found.shortfall}{_devices_late(folder)}", f"events {folder}")
     return BAD_INPUT
 
 
 def _devices_late(folder: Path) -> str:
-    """How the simulated devices were held up by this machine, if they were."""
+    """Lateness of the simulated devices, if this machine was too slow."""
     import numpy as np
 
     truth = folder / "truth.npz"
@@ -308,15 +319,15 @@ def _devices_late(folder: Path) -> str:
         skipped = float(known["skipped_scans"]) if "skipped_scans" in known else 0.0
     if late_s < _LATE_S and not skipped:
         return ""
-    return f"; this machine did not keep real time, the simulated devices were up to {late_s:.2f} s late: --lockstep"
+    return f"; this machine did not keep real time, simulated devices up to {late_s:.2f} s late (use --lockstep)"
 
 
 _LATE_S = 0.1
-"""Simulated devices that are later look like devices that fail."""
+"""Simulated devices that are later are treated as failed."""
 
 
 def _require_packages(needed: Sequence[str]) -> None:
-    """Raise ``InputError`` before anything is started if a package of the runtime is missing."""
+    """Raise ``InputError`` if a package of the runtime is missing."""
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
         extra = 'the packages of the extra onboard (pip install "lgprjax[onboard]")'
@@ -324,7 +335,7 @@ def _require_packages(needed: Sequence[str]) -> None:
 
 
 def run_folder(config: "RuntimeConfig") -> Path:
-    """A new folder for a run, named by its start in UTC."""
+    """Path of a new folder for a run, named by its start in UTC."""
     name = datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
     return (config.path(config.recording.folder) / f"{config.name}-{name}").resolve()
 
@@ -339,7 +350,7 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
 def _supervised(
     config: "RuntimeConfig", folder: Path, for_s: float | None, all_ready: threading.Event | None = None
 ) -> int:
-    """Run the processes of a vehicle, ``for_s`` seconds from when they are ready; the exit status."""
+    """Run the processes of a vehicle, for ``for_s`` seconds after they are ready. Returns the exit status."""
     from lgprjax.runtime.supervisor import Ready, make_rings_folder, say_ready, supervise
 
     ending = threading.Timer(for_s or 0.0, os.kill, (os.getpid(), signal.SIGTERM))
@@ -353,47 +364,47 @@ def _supervised(
             ending.start()
 
     folder.mkdir(parents=True, exist_ok=True)
-    print(f"run: {folder}", flush=True)
-    print(f"display: http://{config.display.host}:{config.display.port}", flush=True)
+    say(f"run: {folder}")
+    say(f"display: http://{config.display.host}:{config.display.port}")
     try:
         return supervise(config, folder, make_rings_folder(), ready=ready)
     finally:
-        # A signal that comes later would end this process while it writes, and leave the simulated devices behind.
+        # A later signal would end this process while it writes, and leave the simulated devices running.
         ending.cancel()
 
 
 def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
-    """Write the run as a drive log next to its recording; a failure is reported, the recording stays."""
-    from lgprjax.batch import options_as_provenance, write_run_drive
-    from lgprjax.formats import MapFile, read_vehicle
-    from lgprjax.runtime.registration.search import options_of
+    """Write the run as a drive log in its folder; a failure is reported, the recording is kept."""
+    from lgprjax.formats import read_run
+    from lgprjax.runtime.drive_log import drive_of_run
 
     output = folder / f"{config.name}.drive.h5"
     try:
-        with MapFile.open(config.path(config.map)) as source, working(f"writing {output}"):
-            drive = write_run_drive(
-                folder,
-                output,
-                source=source,
-                vehicle=read_vehicle(config.path(config.vehicle)),
-                position_sigma_m=config.sensors.gnss_sigma_m,
-                registration=options_as_provenance(options_of(config)),
-            )
+        with working(f"writing {output}"):
+            drive = drive_of_run(read_run(folder), config, output)
     except InputError as error:
-        print(f"no drive log: {error}; retry with lgprjax recover", flush=True)
+        say(f"no drive log: {error}; retry with lgprjax recover")
         return
-    print(f"wrote {output}: {drive.seconds:.1f} s, {drive.scans} scans", flush=True)
+    written = f"wrote {output}: {drive.seconds:.1f} s, {drive.scans} scans"
+    if config.mode == "record":
+        verdict(written, f"map build {output} -o M.map.h5" if drive.scans else f"check {output}")
+    else:
+        say(written)
 
 
 def _preflight(config: "RuntimeConfig") -> int:
     from lgprjax.runtime.preflight import preflight
 
-    table = Table("item", "", "found", title=f"preflight of {config.file.name}")
-    good = True
-    with working("looking"):
+    table = Table("item", "state", "found", title=f"preflight of {config.file.name}")
+    failed = list[str]()
+    with working("checking"):
         items = list(preflight(config))
     for item in items:
-        good &= item.good
+        failed += [] if item.good else [item.name]
         table.add_row(item.name, "ok" if item.good else "NOT OK", item.finding)
     console.print(table, highlight=False, markup=False)
-    return 0 if good else BAD_INPUT
+    if failed:
+        verdict(f"not ready: {', '.join(failed)}")
+        return BAD_INPUT
+    verdict("ready to run", f"run {config.file}")
+    return 0

@@ -1,4 +1,4 @@
-"""``run --simulate``: create missing map and route, and start the devices."""
+"""``run --simulate``: create map and route if missing, start the simulated devices."""
 
 import json
 import math
@@ -33,8 +33,7 @@ def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
     """Check vehicle file, script and faults before anything is made or started.
 
     Raises:
-        InputError: the vehicle file cannot be used; an action or fault is not known, or its numbers are not as
-            expected.
+        InputError: the vehicle file cannot be used; an action or fault is unknown, or its values are out of range.
     """
     from lgprjax.formats import read_vehicle
     from lgprjax.runtime.control.setup import setup_of_vehicle
@@ -44,9 +43,10 @@ def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
     from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT
 
     field = config.coverage is not None
-    vehicle = read_vehicle(config.path(config.vehicle))
-    if not field:
-        setup_of_vehicle(config, vehicle)
+    if config.vehicle:
+        vehicle = read_vehicle(config.path(config.vehicle))
+        if not field and config.mode == "drive":
+            setup_of_vehicle(config, vehicle)
     actions, buttons = (FIELD_SCRIPT, FIELD_BUTTONS) if field else (SCRIPT, BUTTONS)
     faults, lines = (FIELD_FAULTS, FIELD_LINES) if field else (FAULTS, LINES)
     for name, key, rows, known, choice, choices in (
@@ -59,7 +59,7 @@ def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
 
 
 def prepare_course(config: "RuntimeConfig", table: "SimulationTable") -> None:
-    """Create missing files of the configuration: the map, and its first route.
+    """Create the map and the first route of the configuration if they are missing.
 
     Raises:
         InputError: a file cannot be written.
@@ -108,7 +108,7 @@ def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
 
 
 def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
-    """Specification of a course's devices."""
+    """Specification of the simulated devices on a course."""
     return {
         "seed": table.seed,
         "length_m": table.length_m,
@@ -117,7 +117,9 @@ def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, 
         "drive_seed": table.drive_seed,
         "recording": table.recording,
         "gain_drift": table.gain_drift,
-        "map": str(config.path(config.map)),
+        "gnss_slow_m": table.gnss_slow_m,
+        "map": str(config.path(config.map)) if config.map else "",
+        "host": "drive" if config.mode == "drive" else "record" if config.ports.radar else "record_without_radar",
         "script": table.script,
         "faults": table.faults,
     }
@@ -125,21 +127,21 @@ def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, 
 
 @contextmanager
 def devices(spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
-    """The simulated devices, for as long as the block lasts: addresses of their lines.
+    """Run the simulated devices during the block. Yields the addresses of their ports.
 
     Args:
-        spec: their specification.
-        folder: for their truth and their messages.
+        spec: specification of the devices.
+        folder: folder for the true poses and the log of the devices.
 
     Raises:
-        InputError: they did not start.
+        InputError: the devices did not start.
     """
     spec = {**spec, "ports": str(folder / "ports.json"), "truth": str(folder / "truth.npz"), "parent": os.getpid()}
     file = folder / "devices.json"
     file.write_text(json.dumps(spec, indent=1), encoding="utf-8")
     told = folder / "devices.log"
     environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "OMP_NUM_THREADS": "1"}
-    # The simulated world runs in real time: if permitted its devices have priority over the runtime.
+    # The simulation runs in real time: if permitted, its devices have priority over the runtime.
     first = ["chrt", "--fifo", str(_PRIORITY)] if _may_run_in_real_time() else []
     with told.open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
@@ -159,7 +161,7 @@ def devices(spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
 
 
 def _may_run_in_real_time() -> bool:
-    """Whether this process may give another a real-time priority."""
+    """Whether this process may start another one with real-time priority."""
     if shutil.which("chrt") is None:
         return False
     return subprocess.run(["chrt", "--fifo", str(_PRIORITY), "true"], capture_output=True, check=False).returncode == 0
@@ -175,13 +177,13 @@ def _addresses(process: "subprocess.Popen[bytes]", ports: Path, told: Path) -> d
             break
         time.sleep(0.1)
     lines = told.read_text(encoding="utf-8").strip().splitlines() or ["no message"]
-    raise InputError(told, "devices", "the simulated devices to come up", lines[-1])
+    raise InputError(told, "devices", "running simulated devices", lines[-1])
 
 
 # ``run --simulate`` in a field: create a missing plan, start the devices, and evaluate the run.
 
 _BEHIND_M = 8.0
-"""Initial distance of the vehicle from the plan's start: driving there straight finds its heading."""
+"""Initial distance of the vehicle from the start of the plan: the straight drive there initialises the heading."""
 _SPEED = 4
 
 
@@ -197,7 +199,7 @@ def prepare_field(config: "RuntimeConfig", table: "SimulationTable") -> None:
     if config.coverage.plan is None or config.path(config.coverage.plan).exists():
         return
     if table.field is None:
-        raise InputError(config.file, "simulation.field", "the field to plan, as there is no plan yet", "none")
+        raise InputError(config.file, "simulation.field", "a field to plan, if there is no plan", "none")
     output = config.path(config.coverage.plan)
     output.parent.mkdir(parents=True, exist_ok=True)
     options = PlanOptions(table.overlap, table.order, table.turning_room_m)
@@ -207,10 +209,10 @@ def prepare_field(config: "RuntimeConfig", table: "SimulationTable") -> None:
 
 
 def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
-    """Specification of a field's devices: the vehicle stands before the plan's start.
+    """Specification of the simulated devices in a field. The vehicle starts behind the start of the plan.
 
-    Without a plan it stands before the first corner of ``simulation.field``, facing the second; the frame of
-    ``drive_to`` is then centred on that corner.
+    Without a plan it starts behind the first corner of ``simulation.field``, facing the second corner; the origin of
+    ``drive_to`` is then that corner.
 
     Raises:
         InputError: vehicle, plan or field cannot be used.
@@ -222,7 +224,7 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
     loaded = load_skid(config)
     if loaded.frame is None:
         if table.field is None:
-            raise InputError(config.file, "simulation.field", "the field, as there is no plan", "none")
+            raise InputError(config.file, "simulation.field", "a field, if there is no plan", "none")
         places = read_field(config.path(table.field))
         frame = LocalFrame(*(float(each[0]) for each in (places.latitude_deg, places.longitude_deg, places.height_m)))
         east, north, _ = frame.to_local(places.latitude_deg, places.longitude_deg, places.height_m)
@@ -245,15 +247,15 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
 
 
 def _script(table: "SimulationTable", start: tuple[float, float]) -> list[dict[str, Any]]:
-    """``drive_to`` without a place leads to the start of the plan."""
+    """Script with the start of the plan as the default goal of ``drive_to``."""
     place = {"x_m": start[0], "y_m": start[1]}
     return [{**place, **line} if line.get("do") == "drive_to" else line for line in table.script]
 
 
 def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
-    """Figures of a run's folder: the devices' truth against the recording of the runtime.
+    """Figures of a run: true poses of the simulated devices against the recording of the runtime.
 
-    Tracking and estimate are evaluated over the time in which the plan was driven.
+    Tracking and estimation errors are evaluated while the plan is driven.
 
     Raises:
         InputError: a file of the run cannot be used.
@@ -286,7 +288,7 @@ def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
     loaded = load_skid(config)
     figures["passes"], figures["passes_driven"] = loaded.lines, _passes(rows, drives)
     figures["times_taken_over"] = int(np.sum(np.diff(drives.astype(int)) == -1))
-    # The end is passed by some centimetres.
+    # The vehicle passes the end by some centimetres.
     figures["to_go_m"] = max(float(rows["to_go_m"][drives][-1]), 0.0) if drives.any() else math.nan
     truth = folder / "truth.npz"
     if truth.exists() and drives.any():
@@ -298,7 +300,7 @@ def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
 
 
 def _passes(rows: np.ndarray, drives: np.ndarray) -> int:
-    """Swaths driven to their end: followed by another one, or the plan's end."""
+    """Number of swaths driven to their end."""
     lines = rows["line"][drives & (rows["line"] >= 0)]
     if not len(lines):
         return 0
@@ -339,7 +341,7 @@ def _against_truth(path: Path, times_ns: np.ndarray, rows: np.ndarray) -> dict[s
 
 
 def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dict[str, float]:
-    """Share of the field worked at 95 %, by the map's own rule; what the run took up is in it."""
+    """Share of the field processed at 95 %, by the rule of the coverage map, earlier runs included."""
     from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
     from lgprjax.coverage.field import Field
     from lgprjax.runtime.control.skid.setup import load_skid

@@ -73,7 +73,7 @@ def read_cart_fixes(path: str | Path) -> CartFixes:
     try:
         data = file.read_bytes()
     except OSError as error:
-        raise InputError(file, "file", "the log of a receiver", str(error.strerror or error)) from None
+        raise InputError(file, "file", "a GNSS receiver log", str(error.strerror or error)) from None
     heard: list[_Heard] = []
     clock: datetime | None = None
     told: Accuracy | None = None
@@ -96,7 +96,7 @@ def read_cart_fixes(path: str | Path) -> CartFixes:
                 sigma_m = told.sigma_m
             heard.append(_Heard(clock, message[:1] == b"\xb5", position, sigma_m))
     if heard and clock is None:
-        raise InputError(file, "date", "RMC or ZDA sentences, or NAV-PVT, beside the positions", "none")
+        raise InputError(file, "date", "RMC or ZDA sentences, or NAV-PVT, to date the positions", "none")
     # Positions before the first date are of the same day, or of the evening before.
     first = next((each.clock for each in heard if each.clock is not None), clock)
     found = [(_utc_s(each, first), each.position, each.sigma_m) for each in heard if first is not None]
@@ -130,18 +130,14 @@ def read_cart_run(path: str | Path, vehicle_file: str | Path, plan: PlanFile) ->
     file = Path(path)
     vehicle = read_vehicle(vehicle_file)
     if tool_of(vehicle, vehicle_file) != plan.plan.tool:
-        raise InputError(vehicle_file, "tool", f"that of {plan.path.name}, {plan.plan.tool}", "another one")
+        raise InputError(vehicle_file, "tool", f"the tool of {plan.path.name}, {plan.plan.tool}", "another tool")
     fixes = read_cart_fixes(file)
     east, north, _ = plan.plan.frame.to_local(fixes.latitude_deg, fixes.longitude_deg, fixes.height_m)
-    model = cart_model(gnss_x_m=vehicle.navigation.gnss_x_m or 0.0, gnss_y_m=vehicle.navigation.gnss_y_m or 0.0)
-    smooth = jax.jit(lambda piece: smooth_cart(model, cart_rules(), _STEP_S, piece))
+    lever = (vehicle.navigation.gnss_x_m or 0.0, vehicle.navigation.gnss_y_m or 0.0)
     times, rows = [], []
-    for part in _parts(fixes.utc_ns):
-        ticks = _ticks(fixes, east, north, part)
-        found: SmoothedCart = jax.tree.map(np.asarray, smooth(ticks.observed))
-        count = len(ticks.utc_ns)
-        times.append(ticks.utc_ns)
-        rows.append(_rows(found, ticks, count))
+    for part in smoothed_parts(fixes.utc_ns, east, north, fixes.sigma_m, fixes.quality, lever):
+        times.append(part.utc_ns)
+        rows.append(_rows(part))
     digest = file_hash(file)
     return CoverRun(
         name=file.name,
@@ -153,12 +149,53 @@ def read_cart_run(path: str | Path, vehicle_file: str | Path, plan: PlanFile) ->
             "folder": file.name,
             "complete": True,
             "segments": [{"file": file.name, "sha256": digest}],
-            "poses": "of GNSS alone, smoothed forward and back",
+            "poses": "from GNSS only, smoothed forward and backward",
             "tool": NOT_MEASURED,
         },
         plan_sha256=plan.sha256,
         folder=file.parent,
     )
+
+
+class SmoothedPart(NamedTuple):
+    """Poses of a part of a log at even times, padded to a piece.
+
+    Attributes:
+        utc_ns: end of each tick, by the clock of the fixes.
+        quality: of the newest position.
+        smoothed: poses of the reference point.
+    """
+
+    utc_ns: Int[np.ndarray, " tick"]
+    quality: Int[np.ndarray, " tick"]
+    smoothed: SmoothedCart
+
+    @property
+    def ticks(self) -> int:
+        """Ticks without the padding."""
+        return len(self.utc_ns)
+
+
+def smoothed_parts(
+    utc_ns: Int[np.ndarray, " fix"],
+    east_m: Float[np.ndarray, " fix"],
+    north_m: Float[np.ndarray, " fix"],
+    sigma_m: Float[np.ndarray, " fix"],
+    quality: Int[np.ndarray, " fix"],
+    lever: tuple[float, float],
+) -> Iterator[SmoothedPart]:
+    """Positions of an antenna smoothed from both ends, in parts between long silences.
+
+    Args:
+        utc_ns: of the positions, rising, by any clock; quality: see ``Quality``.
+        east_m, north_m: positions; sigma_m: of an axis.
+        lever: forward and left place of the antenna in the body, metres.
+    """
+    model = cart_model(gnss_x_m=lever[0], gnss_y_m=lever[1])
+    smooth = jax.jit(lambda piece: smooth_cart(model, cart_rules(), _STEP_S, piece))
+    for part in _parts(utc_ns):
+        ticks = _ticks(utc_ns, east_m, north_m, sigma_m, quality, part)
+        yield SmoothedPart(ticks.utc_ns, ticks.quality, jax.tree.map(np.asarray, smooth(ticks.observed)))
 
 
 class _Ticks(NamedTuple):
@@ -179,28 +216,36 @@ def _parts(utc_ns: Int[np.ndarray, " fix"]) -> Iterator[slice]:
             begin = each
 
 
-def _ticks(fixes: CartFixes, east_m: np.ndarray, north_m: np.ndarray, part: slice) -> _Ticks:
+def _ticks(
+    times_ns: np.ndarray,
+    east_m: np.ndarray,
+    north_m: np.ndarray,
+    sigma_m: np.ndarray,
+    qualities: np.ndarray,
+    part: slice,
+) -> _Ticks:
     step_ns = round(1e9 * _STEP_S)
-    utc_ns = fixes.utc_ns[part]
+    utc_ns = times_ns[part]
     tick = -((utc_ns[0] - utc_ns) // step_ns)
     count = int(tick[-1]) + 1
     ends_ns = utc_ns[0] + step_ns * np.arange(count)
     values = np.full((_PIECE, 4), np.nan, np.float32)
     # Of several in one tick the newest stays.
     age_s = 1e-9 * (ends_ns[tick] - utc_ns)
-    values[tick] = np.stack([east_m[part], north_m[part], fixes.sigma_m[part] ** 2, age_s], axis=1)
+    values[tick] = np.stack([east_m[part], north_m[part], sigma_m[part] ** 2, age_s], axis=1)
     x, y, variance, age = (jnp.asarray(each) for each in values.T)
     covariance = variance[:, None, None] * jnp.eye(2, dtype=jnp.float32)[None]
     observed = GnssObservation(x, y, covariance, age, jnp.isfinite(x))
     newest = np.maximum.accumulate(np.where(np.isfinite(values[:count, 0]), np.arange(count), 0))
     quality = np.zeros(count, np.int64)
-    quality[tick] = fixes.quality[part]
+    quality[tick] = qualities[part]
     present = np.arange(count) - newest < round(1.5 / _STEP_S)
     return _Ticks(ends_ns, np.where(present, quality[newest], 0), observed)
 
 
-def _rows(found: SmoothedCart, ticks: _Ticks, count: int) -> np.ndarray:
+def _rows(part: SmoothedPart) -> np.ndarray:
     """``COVER`` rows."""
+    found, count = part.smoothed, part.ticks
     pose, known = found.pose[:count], found.known[:count]
     rows = np.zeros(count, COVER)
     for column, name in enumerate(("x_m", "y_m", "yaw_rad")):
@@ -212,7 +257,7 @@ def _rows(found: SmoothedCart, ticks: _Ticks, count: int) -> np.ndarray:
     for name in ("left_mps", "right_mps", "depth_m"):
         rows[name] = np.nan
     rows["tool"], rows["mode"], rows["line"] = np.where(known, ToolBits.COUNTS, 0), Mode.MANUAL, -1
-    rows["gnss_quality"] = ticks.quality
+    rows["gnss_quality"] = part.quality
     return rows
 
 

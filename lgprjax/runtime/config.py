@@ -20,11 +20,13 @@ class PortTable(ConfigTable):
 
 
 class PortsTable(ConfigTable):
-    """The lines. GNSS/INS speaks NMEA or u-blox UBX, the others ``data_schema/wire.toml``."""
+    """The lines. GNSS/INS speaks NMEA or u-blox UBX, the others ``data_schema/wire.toml``; ``RuntimeConfig`` says which
+    a run needs.
+    """
 
-    drive_by_wire: PortTable
-    controller: PortTable
-    gnss: PortTable
+    drive_by_wire: PortTable | None = None
+    controller: PortTable | None = None
+    gnss: PortTable | None = None
     radar: PortTable | None = None
 
     @field_validator("drive_by_wire", "controller", "gnss", "radar")
@@ -53,12 +55,15 @@ class RadarTable(ConfigTable):
         scan_period_us: from scan to scan; 0: as planned.
         calibrate, look_up: request it before the start, with the array over the ground and pointed at empty space,
             respectively.
+        channel_pitch_m, centre_frequency_mhz: of the array; in mode record, where no map states them.
     """
 
     sweep: SweepTable | None = None
     scan_period_us: int = Field(default=0, ge=0, le=1_000_000)
     calibrate: bool = False
     look_up: bool = False
+    channel_pitch_m: float | None = Field(default=None, gt=0.0, le=5.0)
+    centre_frequency_mhz: float | None = Field(default=None, ge=1.0, le=10_000.0)
 
 
 class RegistrationTable(ConfigTable):
@@ -186,6 +191,7 @@ class SimulationTable(ConfigTable):
         length_m, weather, scan_share: of a course.
         recording, gain_drift: of its radar: finished traces or stepped-frequency sweeps, and the change of the
             receiver's gain over 20 minutes, half of it in the first 4.
+        gnss_slow_m: sigma of the slow error of positions on a course, an axis; 0: of RTK with a base nearby.
         field: X.geojson from which a missing plan is made; of a field.
         overlap, order, turning_room_m: of that plan, see ``lgprjax cover plan``.
         script: operator actions: times in seconds since the vehicle was ready, and buttons pressed.
@@ -199,6 +205,7 @@ class SimulationTable(ConfigTable):
     drive_seed: int = 102
     recording: Literal["traces", "sweeps"] = "traces"
     gain_drift: float = Field(default=0.05, ge=-0.9, le=10.0)
+    gnss_slow_m: float = Field(default=0.3, ge=0.0, le=10.0)
     field: str | None = None
     overlap: float = Field(default=0.2, ge=0.0, lt=1.0)
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
@@ -212,11 +219,14 @@ class RuntimeConfig(ConfigTable):
 
     Attributes:
         file: its path.
+        mode: drive: by a map and its routes, or in a field; record: radar, positions and odometry, without commands.
+        vehicle: vehicle file; may be missing, or unfinished, in mode record.
     """
 
     file: Path
     name: str
-    vehicle: str
+    mode: Literal["drive", "record"] = "drive"
+    vehicle: str = ""
     map: str = ""
     routes: list[str] = Field(default_factory=list)
     cache: str | None = "cache"
@@ -234,12 +244,23 @@ class RuntimeConfig(ConfigTable):
 
     @model_validator(mode="after")
     def _one_work(self) -> "RuntimeConfig":
-        """Either a map with routes of it, which needs the radar, or a field."""
+        """A recording, a map with routes of it, which needs the radar, or a field."""
+        lines = [name for name in PortsTable.model_fields if getattr(self.ports, name) is not None]
+        if self.mode == "record":
+            if self.map or self.routes or self.coverage is not None or self.output is not None:
+                raise self._of_work("none of them in mode record, which needs no map and gives out no position")
+            if not {"gnss", "radar"} & set(lines):
+                raise BrokenRuleError("ports", "gnss or radar, or both", ", ".join(lines) or "none")
+            return self
+        missing = [name for name in ("drive_by_wire", "controller", "gnss") if name not in lines]
+        if missing or not self.vehicle:
+            place = f"ports.{missing[0]}" if missing else "vehicle"
+            raise BrokenRuleError(place, 'a value, or mode = "record" to record without driving', "none")
         if self.coverage is not None:
             if self.map or self.routes:
                 raise self._of_work("either [coverage], or map and routes")
             if self.output is not None:
-                raise self._of_work("[output] with a map: a field has no corrected position")
+                raise self._of_work("[output] only with a map: field runs give out no corrected position")
         elif not (self.map and self.routes and self.ports.radar is not None):
             raise self._of_work("map, routes and ports.radar, or [coverage]")
         return self
@@ -249,7 +270,13 @@ class RuntimeConfig(ConfigTable):
         given = ", ".join(name for name in deciding if name in self.model_fields_set)
         if self.ports.radar is not None:
             given += ", ports.radar"
-        return BrokenRuleError("map, routes, coverage", expected, given.removeprefix(", ") or "none of them")
+        return BrokenRuleError("map, routes, coverage", expected, given.removeprefix(", ") or "none of these")
+
+    def port(self, name: str) -> PortTable:
+        """A line that a run of this mode has."""
+        table: PortTable | None = getattr(self.ports, name)
+        assert table is not None, name
+        return table
 
     def path(self, named: str) -> Path:
         """A path of the configuration, ready to open."""
@@ -272,9 +299,9 @@ def read_config(path: str | Path) -> RuntimeConfig:
 
 
 _OTHER_FILES = {
-    "steering_kind": "a vehicle file, which a configuration names",
-    "kind": "the study of lgprjax tune",
-    "drive": "the site of lgprjax simulate",
+    "steering_kind": "a vehicle file (the key vehicle of a configuration names it)",
+    "kind": "a study file of lgprjax tune",
+    "drive": "a site file of lgprjax simulate",
 }
 """What a TOML file of this project is that has a key."""
 

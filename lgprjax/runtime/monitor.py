@@ -81,9 +81,9 @@ def warnings_of(condition: Condition, config: RuntimeConfig) -> list[str]:
     warnings: list[str] = []
     least_mb, hottest_c = config.recording.least_free_mb, config.supervision.hottest_c
     if condition.free_mb is None:
-        warnings.append("the recording's folder cannot be reached")
+        warnings.append("the recording folder is not accessible")
     elif condition.free_mb < least_mb:
-        warnings.append(f"storage: {condition.free_mb:.0f} MB free, {least_mb} wanted")
+        warnings.append(f"storage: {condition.free_mb:.0f} MB free, {least_mb} required")
     if condition.memory_mb is not None and condition.memory_mb < _LEAST_MEMORY_MB:
         warnings.append(f"memory: {condition.memory_mb:.0f} MB left")
     if condition.hottest_c is not None and condition.hottest_c > hottest_c:

@@ -157,7 +157,7 @@ class Port(Generic[Item]):
             if fd in readable:
                 data = os.read(fd, _CHUNK)
                 if not data:
-                    raise OSError("the other end closed the line")
+                    raise OSError("the other end closed the connection")
                 self._receive(data, time.monotonic_ns())
         self._send(fd)  # the last message of a process releases the actuators
 

@@ -26,7 +26,10 @@ class PreflightItem(NamedTuple):
 
 def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
     """Run all checks in order."""
-    yield from _files(config) if config.coverage is None else _field_files(config)
+    if config.mode == "record":
+        yield from _record_files(config)
+    else:
+        yield from _files(config) if config.coverage is None else _field_files(config)
     yield _storage(config)
     yield _display(config)
     yield _cores(config)
@@ -68,6 +71,20 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
         yield PreflightItem(f"route {route.name}", route.path is not None, route.problem or f"{route.length_m:.1f} m")
 
 
+def _record_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
+    from lgprjax.formats import read_vehicle
+
+    def vehicle() -> str:
+        if not config.vehicle:
+            return "none: the array is assumed at the antenna"
+        array = read_vehicle(config.path(config.vehicle)).array
+        if config.ports.radar is not None and (array.x_m is None or array.height_m is None):
+            raise InputError(config.path(config.vehicle), "array", "x_m and height_m", "none")
+        return f"{config.vehicle}, array {array.x_m} m ahead of the rear axle"
+
+    yield _tried("vehicle file", vehicle)
+
+
 def _field_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
     from lgprjax.formats import read_vehicle
     from lgprjax.runtime.control.skid.setup import load_skid
@@ -79,7 +96,7 @@ def _field_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
     def plan() -> str:
         loaded = load_skid(config)
         if loaded.name is None:
-            return "none: corners can be marked, the vehicle does not drive"
+            return "none: corners can be marked, but the vehicle does not drive"
         found = f"{loaded.name}, {loaded.lines} lines, {float(loaded.route.length_m):.0f} m"
         return found + (", in part in reverse" if loaded.route.legs is not None else "")
 
@@ -126,7 +143,8 @@ def _lines(config: RuntimeConfig) -> Iterator[PreflightItem]:
         if known is not None:
             ports.append((name, known, Port.frames(source, known.url, known.baud, name)))
     table = config.ports.gnss
-    ports.append(("gnss", table, Port(Source.GNSS, table.url, table.baud, GnssParser())))
+    if table is not None:
+        ports.append(("gnss", table, Port(Source.GNSS, table.url, table.baud, GnssParser())))
     time.sleep(_LISTEN_S)
     for name, table, port in ports:
         received, refused = len(port.take()), sum(port.refused.values())

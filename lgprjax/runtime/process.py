@@ -37,6 +37,7 @@ RINGS = {
     "poses": 256 << 10,  # control to output
     "view_state": 1 << 20,  # control to output
     "view_scans": 4 << 20,  # registration to output
+    "page_scans": 1 << 20,  # registration to display, of a run that only records
 }
 """Rings and their sizes in bytes; each carries records (``messages``)."""
 
@@ -44,6 +45,7 @@ RINGS = {
 def processes_of(config: RuntimeConfig) -> tuple[str, ...]:
     """Processes of a run: a field needs no radar, a course needs no worked map; output only where it is asked for."""
     without = {"coverage" if config.coverage is None else "registration"}
+    without |= {"registration"} if config.ports.radar is None else set()
     without |= {"output"} if config.output is None else set()
     return tuple(name for name in PROCESSES if name not in without)
 
@@ -236,18 +238,20 @@ def only_instance(config: RuntimeConfig, run_folder: Path) -> Iterator[None]:
     Raises:
         InputError: another process holds one of them; the message says which.
     """
-    device = config.ports.drive_by_wire.url
+    # The line whose device only one run may have: that of the commands, or of a run that only records, its first.
+    name = next(name for name in ("drive_by_wire", "gnss", "radar") if getattr(config.ports, name) is not None)
+    device, line = config.port(name).url, f"ports.{name}.url"
     # A device may have several names; a network address has only one.
     device_key = device if "://" in device else os.path.realpath(device)
     with ExitStack() as held:
         for key, place, free in (
-            (device_key, "ports.drive_by_wire.url", f"{device}, not driven by another run"),
-            (os.path.realpath(run_folder), "run folder", f"{run_folder}, not written by another run"),
+            (device_key, line, f"{device}, not in use by another run"),
+            (os.path.realpath(run_folder), "run folder", f"{run_folder}, not in use by another run"),
         ):
             name = f"lgprjax-{hashlib.sha256(key.encode()).hexdigest()[:24]}.lock"
             holder = held.enter_context(lock_file(memory_folder() / name, _open))
             if holder is not None:
-                raise InputError(config.file, place, free, f"{holder} holds it")
+                raise InputError(config.file, place, free, f"in use by {holder}")
         yield
 
 

@@ -79,7 +79,7 @@ def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -
                     first = (tick.number, sent.source.name) if first is None else first
             progress(1)
     if not starts:
-        raise InputError(folder, "segments", "a record HEADER of the control loop", "none")
+        raise InputError(folder, "segments", "a HEADER record of the control loop", "none")
     return Replayed(totals[0], totals[1], totals[2], first, starts, broken)
 
 
@@ -132,5 +132,7 @@ def _core(folder: Path, header: dict[str, Any]) -> ControlCore:
     loaded = load_vehicle(config, None if place is None else RoutePlace(int(place[0]), float(place[1])))
     for name, digest in header["hashes"].items():
         if loaded.hashes.get(name) != digest:
-            raise InputError(config.path(name), "file", f"as in the run, {digest[:12]}...", "another, or none")
+            raise InputError(
+                config.path(name), "file", f"the file used in the run, {digest[:12]}...", "a changed or missing file"
+            )
     return ControlCore(config, loaded, session=int(header["session"]), after_death=bool(header["after_death"]))

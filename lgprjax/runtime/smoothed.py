@@ -76,7 +76,12 @@ def smooth_run(run: CoverRun) -> tuple[CoverRun, SmoothedPoses]:
         loaded = load_skid(config, None if place is None else RoutePlace(int(place[0]), float(place[1])))
         for name, digest in header["hashes"].items():
             if loaded.hashes.get(name) != digest:
-                raise InputError(config.path(name), "file", f"as in the run, {digest[:12]}...", "another, or none")
+                raise InputError(
+                    config.path(name),
+                    "file",
+                    f"the file used in the run, {digest[:12]}...",
+                    "a changed or missing file",
+                )
         senses, times, rows = SkidSenses(loaded.frame, config.sensors), [], []
         for tick in ticks:
             for record in tick.came:
@@ -106,7 +111,7 @@ def smooth_run(run: CoverRun) -> tuple[CoverRun, SmoothedPoses]:
     for column, name in enumerate(("x_m", "y_m", "yaw_rad")):
         smoothed[name][known] = whole.pose[near[known], column]
     smoothed["covariance"][known] = whole.covariance[near[known]]
-    provenance = {**run.provenance, "poses": "smoothed forward and back"}
+    provenance = {**run.provenance, "poses": "smoothed forward and backward"}
     return run._replace(rows=smoothed, provenance=provenance), whole
 
 

@@ -330,7 +330,9 @@ def supervise(
 
 class _Supervisor:
     def __init__(self, config: RuntimeConfig, run_folder: Path, rings: Path, command: CommandMaker) -> None:
-        self._needed = {"control", "registration"} | ({"recorder", "coverage"} if config.recording.mandatory else set())
+        self._needed = {"control", "registration"}
+        if config.recording.mandatory or config.mode == "record":
+            self._needed |= {"recorder", "coverage"}
         self._notifier = Notifier()
         self._watchdog_s = watchdog_s()
         self._start_s = config.supervision.start_s

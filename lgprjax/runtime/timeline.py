@@ -136,7 +136,7 @@ class _Reader:
         elif record.source is Source.REGISTRATION:
             if "radar" in told and record.tick == 0 and tuple(told["radar"]) != self._radar:
                 self._radar = tuple(told["radar"])
-                yield "radar", "; ".join(self._radar) or "radar: nothing wrong any more"
+                yield "radar", "; ".join(self._radar) or "radar: no faults any more"
         elif "event" in told:
             yield from self._event_words(told)
         elif "slow" in told:

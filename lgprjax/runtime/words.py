@@ -28,10 +28,10 @@ REFUSALS = {
 }
 
 FAULTS = {
-    Fault.RAISED: "a fault of the vehicle or of the computer still holds",
+    Fault.RAISED: "a fault of the vehicle or computer persists",
     Fault.CHECKS: "a system check has failed",
     Fault.CONTROL: "the control process has died",
-    Fault.DRIVE_BY_WIRE: "the drive-by-wire box or its line has failed",
+    Fault.DRIVE_BY_WIRE: "the drive-by-wire box or its connection has failed",
     Fault.RECORDER: "the recorder has failed three times",
     Fault.DISPLAY: "the display has failed three times",
     Fault.MONITOR: "the monitor has failed three times",
@@ -39,13 +39,13 @@ FAULTS = {
 """Faults that hold ERROR, in plain words."""
 
 REASONS = {
-    Reason.NON_FINITE: "navigation: its estimate is no number",
-    Reason.BAD_STEP: "the computer's clock stood or leapt",
+    Reason.NON_FINITE: "navigation: estimate not finite",
+    Reason.BAD_STEP: "the computer's clock stopped or jumped",
     Reason.GNSS_SILENT: "GNSS is silent",
     Reason.GNSS_STUCK: "GNSS repeats one position while the vehicle moves",
     Reason.GNSS_COARSE: "GNSS states a large error: no fixed solution",
     Reason.GNSS_REJECTED: "GNSS positions do not fit the drive",
-    Reason.HEADING_SILENT: "heading is silent: INS",
+    Reason.HEADING_SILENT: "no heading from the INS",
     Reason.HEADING_REJECTED: "headings do not fit the drive",
     Reason.ODOMETER_SILENT: "odometer is silent",
     Reason.ODOMETER_REJECTED: "odometer does not fit the drive: wheels slip?",
@@ -53,11 +53,11 @@ REASONS = {
     Reason.LGPR_REJECTED: "LGPR fixes do not fit the drive",
     Reason.LGPR_FADED: "most scans match the map no better than chance: wet, frozen or changed ground",
     Reason.CONFLICT: "GNSS and LGPR give different places",
-    Reason.REACQUIRED: "navigation has taken a rejected source back",
-    Reason.FRAME_BEHIND: "the path has still to move to a better estimate",
+    Reason.REACQUIRED: "navigation accepts a rejected source again",
+    Reason.FRAME_BEHIND: "the path still moves to a better estimate",
     Reason.UNCERTAIN: "position uncertain by more than 0.15 m across",
-    Reason.POSITION_LOST: "neither GNSS nor LGPR: position lost",
-    Reason.HEADING_LOST: "neither INS nor LGPR: heading lost",
+    Reason.POSITION_LOST: "position lost: neither GNSS nor LGPR",
+    Reason.HEADING_LOST: "heading lost: neither INS nor LGPR",
     Reason.SPEED_LOST: "speed unknown",
     Reason.CONFLICT_LASTS: "GNSS and LGPR have given different places for 10 s",
     Reason.FRAME_FAR: "the path is more than 1 m from a better estimate",
@@ -86,7 +86,7 @@ def _words(bit: IntFlag) -> str:
     return str(bit.name).lower().replace("_", " ")
 
 
-ARRIVED = ("the end of the route is reached", "the plan is done")
+ARRIVED = ("the end of the route is reached", "the plan is complete")
 """What ends a drive as it should."""
 EVENTS = {
     Event.BOOT_DONE: "the computer has started",
@@ -109,18 +109,18 @@ EVENTS = {
     Event.ROUTE_WRONG_HEADING: "heading does not fit the route, or is not confirmed yet",
     Event.ROUTE_AMBIGUOUS: "the route passes here more than once",
     Event.ROUTE_GONE: "no route, or no position yet",
-    Event.STANDING: "standing",
+    Event.STANDING: "stationary",
     Event.MOVING: "moving",
     Event.TOO_FAST: "too fast to engage",
-    Event.SOURCE_MISSING: "something that engaging needs is missing",
-    Event.SOURCES_PRESENT: "everything that engaging needs is there",
-    Event.HEALTH_STOP: "a controlled stop is asked for",
+    Event.SOURCE_MISSING: "a condition for engaging is missing",
+    Event.SOURCES_PRESENT: "all conditions for engaging are met",
+    Event.HEALTH_STOP: "navigation requests a controlled stop",
     Event.HEALTH_GOOD: "navigation is good enough",
     Event.ERROR_RAISED: "a fault was found",
     Event.ERROR_CLEARED: "the fault is gone",
     Event.CONTROL_DIED: "the control process died",
     Event.CONTROL_RELAUNCHED: "the control process is back",
-    Event.DRIVE_BY_WIRE_DIED: "the drive-by-wire box or its line failed",
+    Event.DRIVE_BY_WIRE_DIED: "the drive-by-wire box or its connection failed",
     Event.DRIVE_BY_WIRE_RELAUNCHED: "the drive-by-wire box is back",
     Event.REGISTRATION_DIED: "the registration process died",
     Event.REGISTRATION_RELAUNCHED: "the registration process is back",

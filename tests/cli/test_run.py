@@ -1,4 +1,4 @@
-"""The runtime as its user starts it: simulated devices in lock step, the drive log, the replay."""
+"""A drive recorded by hand becomes map and route of a drive by LGPR in snow; its drive log, its replay."""
 
 import json
 import re
@@ -14,13 +14,12 @@ import pytest
 
 from canon.commands import Done, run, succeed
 from canon.map import of_many_grounds
+from canon.record import record
 from cli.processes import ROOT, lgprjax, quick
-from lgprjax.cli.simulated import prepare_course
 from lgprjax.cli.simulated_run import _SHOWN
 from lgprjax.formats import VehicleLog
 from lgprjax.mapping import build_map
 from lgprjax.process_cost import count_compiles
-from lgprjax.runtime.config import read_config
 
 
 class Driven(NamedTuple):
@@ -32,19 +31,20 @@ class Driven(NamedTuple):
 
 
 def write_course(folder: Path) -> Path:
-    """A configuration of a short course with a third of the scans, its map and route made as a run makes them.
+    """A configuration of a short course with a third of the scans; its map and route come from a drive by hand.
 
     The map's chance is the pooled one of many grounds: measuring its own takes longer than the run.
     """
-    text = (ROOT / "onboard" / "simulated.run.toml").read_text(encoding="utf-8")
-    text = text.replace("length_m = 300.0", "length_m = 60.0\nscan_share = 3")
-    path = quick(text, folder / "short.run.toml")
-    config = read_config(path)
-    assert config.simulation is not None
+    recorded = record(folder / "first", 30.0, ("scan_share = 6", "scan_share = 3"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
-        prepare_course(config, config.simulation)
-    return path
+        succeed("map", "build", recorded.folder, "-o", folder / "first.map.h5")
+    vehicle = ROOT / "onboard" / "made_up.vehicle.toml"
+    words = ("route", "select", folder / "first.map.h5", "record", "--vehicle", vehicle)
+    succeed(*words, "-o", folder / "first.route.toml")
+    text = (ROOT / "onboard" / "simulated.run.toml").read_text(encoding="utf-8")
+    text = text.replace("length_m = 300.0", 'length_m = 60.0\nscan_share = 3\nweather = "snow"')
+    return quick(text.replace("course300", "first"), folder / "short.run.toml")
 
 
 @pytest.fixture(scope="module")

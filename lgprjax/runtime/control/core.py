@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 from lgprjax.autopilot import Action, Check, EngagementInhibit, Event, Mode, inhibit_of
 from lgprjax.autopilot.monitors import TEXT, Watch
 from lgprjax.coverage.resume import RoutePlace
+from lgprjax.errors import InputError
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.counter_steer import CounterSteer
@@ -48,6 +49,8 @@ def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyL
     Raises:
         InputError: a file cannot be used.
     """
+    if config.mode == "record":
+        raise InputError(config.file, "mode", "drive", "record: such a run has no commands")
     return load(config) if config.coverage is None else load_skid(config, place)
 
 
@@ -243,11 +246,11 @@ class ControlCore:
     def _choose(self, name: str, now_ns: int) -> None:
         """Select another route: only while the operator drives."""
         if self.modes.engage & (STEERING | PEDALS):
-            self._event(now_ns, {"refused": "route", "why": "a route is chosen while the operator drives"})
+            self._event(now_ns, {"refused": "route", "why": "routes are chosen only while the operator drives"})
         elif self.kind.choose(name):
             self._event(now_ns, {"route": name})
         else:
-            self._event(now_ns, {"refused": "route", "why": f"no route that can be driven: {name[:80]}"})
+            self._event(now_ns, {"refused": "route", "why": f"no drivable route: {name[:80]}"})
 
     def _operator(self, now_ns: int) -> Operator:
         statuses, self._buttons = tuple(self._buttons), []
@@ -313,7 +316,7 @@ class ControlCore:
 
     def _tell_slow(self, now_ns: int) -> None:
         """Tell when the reasons change for which the vehicle drives slowly."""
-        process = ["the map of what is worked is not being kept"] if self.processes.slowly else []
+        process = ["the map of worked ground is not being updated"] if self.processes.slowly else []
         slow = [*process, *self.kind.slow()] if self.modes.engage & PEDALS and not self.modes.stopping else []
         if slow != self._slow:
             self._slow = slow

@@ -372,7 +372,7 @@ _OLD_NS = 300_000_000
 _DEGRADED_MPS = 2.0
 _SCANS_NS = 200_000_000
 _TRAVEL_OLD_S = 0.1
-_SCANS = "no scans: radar, its line or registration"
+_SCANS = "no scans: radar, its connection or registration"
 _PLACES = {
     PlanCode.FOLLOWING: Event.ROUTE_NEAR,
     PlanCode.AT_CUSP: Event.ROUTE_NEAR,
@@ -472,7 +472,7 @@ class CounterSteer:
         place, attitude = self.senses.place, self.senses.attitude
         ages = {
             # Where LGPR alone bounds the error, a position by GNSS is not needed.
-            "no position: GNSS": 0.0 if result.bounded == 1.0 else self._age_s(place),
+            "no position from GNSS": 0.0 if result.bounded == 1.0 else self._age_s(place),
             "no heading": self._age_s(attitude),
             "drive-by-wire box is silent": self._sensed.wheels_age_s if received else math.inf,
         }

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from lgprjax.process_cost import count_compiles
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
+from lgprjax.runtime.control.record import RecordCore
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.control.skid.setup import SkidLoaded, place_after_death
 from lgprjax.runtime.gnss import GnssParser
@@ -70,12 +72,7 @@ class Control:
         if config.output is not None:
             self._onward[RecordKind.POSE] = started.ring("poses")
             self._view = started.ring("view_state") if config.output.live_port is not None else None
-        ports = config.ports
-        self._ports: list[Port[Any]] = [
-            Port.frames(Source.DRIVE_BY_WIRE, ports.drive_by_wire.url, ports.drive_by_wire.baud, "drive_by_wire"),
-            Port.frames(Source.CONTROLLER, ports.controller.url, ports.controller.baud, "controller"),
-            Port(Source.GNSS, ports.gnss.url, ports.gnss.baud, GnssParser()),
-        ]
+        self._ports = list(_lines(config))
         self._port_of = {port.source: port for port in self._ports}
         self._notifier = Notifier()
         self._ended = False
@@ -84,6 +81,9 @@ class Control:
     def run(self) -> None:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
+        if config.mode == "record":
+            self._record_only()
+            return
         loaded = load_vehicle(config)
         place = None
         if started.after_death and isinstance(loaded, SkidLoaded) and loaded.pattern is not None:
@@ -110,7 +110,16 @@ class Control:
             for port in self._ports:
                 port.close()
 
-    def _loop(self, core: ControlCore, *, collects: bool) -> None:
+    def _record_only(self) -> None:
+        """Until SIGTERM; nothing is written to any line."""
+        self._header(None, 0, None)
+        try:
+            self._loop(RecordCore(self._started.config), collects=False)
+        finally:
+            for port in self._ports:
+                port.close()
+
+    def _loop(self, core: ControlCore | RecordCore, *, collects: bool) -> None:
         due_ns = time.monotonic_ns()
         tick, known, compiles = 0, 0, count_compiles()
         while not self._ended:
@@ -175,7 +184,7 @@ class Control:
                     pack(Record(RecordKind.REFUSED, Source(port.source), begin.tick, refused.mono_ns, payload))
                 )
 
-    def _header(self, loaded: AnyLoaded, session: int, place: RoutePlace | None) -> None:
+    def _header(self, loaded: AnyLoaded | None, session: int, place: RoutePlace | None) -> None:
         started, now_ns = self._started, time.monotonic_ns()
         record = header_record(started.config, loaded, session, now_ns, after_death=started.after_death, place=place)
         self._log.put(pack(record))
@@ -186,20 +195,21 @@ class Control:
 
 def header_record(
     config: RuntimeConfig,
-    loaded: AnyLoaded,
+    loaded: AnyLoaded | None,
     session: int,
     now_ns: int,
     *,
     after_death: bool,
     place: RoutePlace | None = None,
 ) -> Record:
-    """Data for a replay in addition to the ticks."""
+    """Data for a replay in addition to the ticks; ``loaded`` is ``None`` for a run that only records."""
+    hashes = {} if loaded is None else loaded.hashes
     plan = None if config.coverage is None else config.coverage.plan
     header: dict[str, object] = {
         "version": __version__,
         "config": str(config.file),
-        "hashes": loaded.hashes,
-        "plan_sha256": loaded.hashes.get(plan) if plan else None,
+        "hashes": hashes,
+        "plan_sha256": hashes.get(plan) if plan else None,
         "session": session,
         "after_death": after_death,
         "pid": os.getpid(),
@@ -210,6 +220,19 @@ def header_record(
     if place is not None:
         header["place"] = [place.line, place.along_m]
     return Record(RecordKind.HEADER, Source.CONTROL, 0, now_ns, json.dumps(header).encode())
+
+
+def _lines(config: RuntimeConfig) -> Iterator[Port[Any]]:
+    """The lines of the control process, as far as the run has them."""
+    ports = config.ports
+    for source, name, table in (
+        (Source.DRIVE_BY_WIRE, "drive_by_wire", ports.drive_by_wire),
+        (Source.CONTROLLER, "controller", ports.controller),
+    ):
+        if table is not None:
+            yield Port.frames(source, table.url, table.baud, name)
+    if ports.gnss is not None:
+        yield Port(Source.GNSS, ports.gnss.url, ports.gnss.baud, GnssParser())
 
 
 def _raw(arrival: Arrival[Any]) -> bytes:

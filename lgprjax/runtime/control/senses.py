@@ -486,5 +486,5 @@ def pedals_belief(vehicle: VehicleFile, path: Path) -> PedalsBelief:
 
 def _needed(path: Path, place: str, value: float | None) -> float:
     if value is None:
-        raise InputError(path, place, "a number (the study that finds it comes first)", "none")
+        raise InputError(path, place, "a number (run the study that estimates it first)", "none")
     return value

@@ -72,7 +72,7 @@ def load(config: RuntimeConfig) -> Loaded:
     hashes = {name: file_hash(config.path(name)) for name in (config.vehicle, config.map)}
     routes = [_laid(config, name, hashes) for name in config.routes]
     if all(route.path is None for route in routes):
-        raise InputError(config.file, "routes", "a route that can be driven", routes[0].problem)
+        raise InputError(config.file, "routes", "a drivable route", routes[0].problem)
     return Loaded(vehicle, setup, frame, routes, hashes)
 
 

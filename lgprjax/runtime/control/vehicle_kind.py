@@ -106,8 +106,8 @@ def events_of(reported: ReportedState, seen: Seen) -> tuple[ReportedState, list[
 
 _SAYS = {
     "recorder": "nothing is being recorded",
-    "coverage": "the map of what is worked is not being kept",
-    "output": "the position is not given out",
+    "coverage": "the map of worked ground is not being updated",
+    "output": "the corrected position is not being sent",
 }
 _KEPT = ("recorder", "coverage")
 """What is mandatory with the recording."""

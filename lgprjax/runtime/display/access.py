@@ -131,9 +131,9 @@ class Refused(Enum):
 
     TOO_MANY = "more than five messages a second"
     TOO_LARGE = "a message above 1 kB"
-    NOT_TEXT = "a message that is no text"
+    NOT_TEXT = "a message that is not text"
     NOT_JSON = "a message that is not JSON"
-    NOT_A_REQUEST = "a message that is no request for a route"
+    NOT_A_REQUEST = "a message that is not a route request"
     SESSION = "a message of another session"
     REPEATED = "a message that was sent before"
 
@@ -190,7 +190,7 @@ class RequestGate:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     names = dict(pairs)
     if len(names) != len(pairs):
-        raise ValueError("a key stands twice")
+        raise ValueError("a duplicate key")
     return names
 
 

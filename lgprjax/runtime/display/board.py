@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 from lgprjax.run_records import RecordKind, unpack
+from lgprjax.runtime.radargram import LiveColumns
 
 STALE_NS = 500_000_000
 ENGAGED = ("STEERING", "SPEED")
@@ -24,6 +25,8 @@ class Board:
         self._state_ns = 0
         self._path: list[Any] | None = None
         self._worked: dict[str, Any] | None = None
+        self._columns = LiveColumns()
+        self._column: list[int] | None = None
 
     def take(self, messages: list[bytes]) -> None:
         """Take messages of the control process, oldest first."""
@@ -47,13 +50,23 @@ class Board:
         try:
             worked = json.loads(unpack(message).payload, parse_constant=_nothing)
             if not isinstance(worked, dict):
-                raise ValueError("no map of what is worked")
+                raise ValueError("no map of worked ground")
             json.dumps(worked, allow_nan=False)
         except (ValueError, RecursionError):
             self.refused_states += 1
             return
         self._worked = worked
         self.worked_version += 1
+
+    def take_scans(self, messages: list[bytes]) -> None:
+        """Take the radar's scans, oldest first; the newest one becomes the next column of the radargram."""
+        for message in messages:
+            try:
+                self._columns.take(unpack(message).payload)
+            except ValueError:
+                self.refused_states += 1
+        column = self._columns.column()
+        self._column = None if column is None else column.tolist()
 
     def text(self, mono_ns: int, refused: int, *, with_path: bool, with_worked: bool = False) -> str:
         """The message to a page.
@@ -70,6 +83,8 @@ class Board:
             "refused": refused,
             "state": self._state,
         }
+        if self._column is not None:
+            said["column"] = self._column
         if with_path:
             said["path"] = self._path
         if with_worked:
@@ -84,15 +99,15 @@ class Board:
             mono_ns: monotonic time now.
         """
         if self._state is None or mono_ns - self._state_ns > STALE_NS:
-            return "there is no data from the vehicle"
+            return "no data from the vehicle"
         mode = self._state.get("mode")
         if not isinstance(mode, str) or mode in ENGAGED:
-            return "a route is chosen before the vehicle steers"
+            return "routes are chosen before automatic steering"
         routes = self._state.get("routes")
         for route in routes if isinstance(routes, list) else []:
             if isinstance(route, dict) and route.get("name") == name:
                 return None if route.get("problem") is None else f"the route cannot be driven: {route['problem']}"
-        return "there is no such route"
+        return "no such route"
 
     def _show(self, state: dict[str, Any], mono_ns: int) -> None:
         path = state.pop("path", None)

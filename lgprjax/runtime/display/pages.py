@@ -77,7 +77,7 @@ class Guard:
             # The last one: the server itself answered that the request is malformed.
             self._counts["connection gone"] += 1
         except Exception:
-            _log.exception("the display failed at a request")
+            _log.exception("the display failed to answer a request")
             raise
 
     def _answer(self, scope: Scope) -> Response | None:
@@ -85,11 +85,11 @@ class Guard:
         asks_http = scope["type"] == "http"
         looks = asks_http and scope["method"] in ("GET", "HEAD")
         if not self._access.host_is_ours(headers, server):
-            return self._refuse("host", 421, "This host name is not known here.")
+            return self._refuse("host", 421, "Unknown host name.")
         if not looks and not self._access.origin_is_ours(headers, server):
-            return self._refuse("origin", 403, "Requests from other pages are not allowed.")
+            return self._refuse("origin", 403, "Requests from other web pages are not allowed.")
         if asks_http and not looks:
-            return self._refuse("method", 405, "Only reading is allowed here.", allow="GET, HEAD")
+            return self._refuse("method", 405, "Only read requests are allowed.", allow="GET, HEAD")
         tokens = _query(scope["query_string"]).get("token", [])
         if asks_http and scope["path"] == "/" and len(tokens) == 1 and self._access.token_is_right(tokens[0]):
             # The token leaves the address bar, and with it the browser's history.
@@ -137,6 +137,7 @@ _FILES = {
     "/display.js": ("display.js", "text/javascript"),
     "/plan.js": ("plan.js", "text/javascript"),
     "/field.js": ("field.js", "text/javascript"),
+    "/record.js": ("record.js", "text/javascript"),
 }
 
 
@@ -171,7 +172,7 @@ class Pages:
         await websocket.accept()
         if len(self._due) >= MOST_VIEWERS:
             self.counts["viewers"] += 1
-            await websocket.close(1013, f"{MOST_VIEWERS} displays are open already")
+            await websocket.close(1013, f"{MOST_VIEWERS} displays are already open")
             return
         due = asyncio.Event()
         self._due.add(due)
@@ -229,7 +230,7 @@ class Pages:
         if obstacle is None:
             payload = json.dumps({"select_route": name}).encode()
             if not self._requests.put(pack(Record(RecordKind.REQUEST, Source.DISPLAY, 0, mono_ns, payload))):
-                obstacle = "the control process takes no requests"
+                obstacle = "the control process accepts no requests"
         if obstacle is not None:
             self.counts["route"] += 1
         return obstacle

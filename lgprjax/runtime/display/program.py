@@ -50,7 +50,7 @@ class _Server(uvicorn.Server):
 
 
 async def _serve(started: Started, access: Access, listener: socket.socket) -> None:
-    state, worked = started.ring("state"), started.ring("worked")
+    state, worked, scans = (started.ring(name) for name in ("state", "worked", "page_scans"))
     board = Board()
     pages = Pages(board, started.ring("requests"), access)
     server = _Server(_settings(pages))
@@ -62,6 +62,7 @@ async def _serve(started: Started, access: Access, listener: socket.socket) -> N
         board.take_worked(worked.latest())
         looks += 1
         if looks % _LOOKS_A_PUSH == 0:
+            board.take_scans(scans.take())
             pages.push()
         started.beat(
             ProcessStage.ENDING

@@ -7,15 +7,15 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 
 from lgprjax.errors import InputError
-from lgprjax.formats import complex_rows
 from lgprjax.frames import LocalFrame
 from lgprjax.run_records import unpack
 from lgprjax.runtime.output.nmea import Given, horizontal_covariance
 from lgprjax.runtime.process import Started
-from lgprjax.wire import Frame, decode
+from lgprjax.runtime.radargram import middle_trace
+from lgprjax.wire import decode
 
 _KEPT_SCANS = 512
 _IMAGE_EVERY = 25  # scans
@@ -31,17 +31,6 @@ _MODES = {
         "warnings": {"type": "array", "items": {"type": "string"}},
     },
 }
-
-
-def middle_trace(frame: Frame) -> Float[np.ndarray, " sample"]:
-    """The middle channel of a scan over travel time; of a sweep, the magnitude of its transform."""
-    if frame.name == "radar_sweep":
-        rows = complex_rows(frame)
-        return np.asarray(np.abs(np.fft.ifft(rows[(len(rows) - 1) // 2] / np.maximum(np.abs(rows[-1]), 1e-12))))
-    channels, samples = int(frame.number("channels")), int(frame.number("samples"))
-    data = frame.fields["data"]
-    assert isinstance(data, bytes)
-    return np.asarray(np.frombuffer(data, np.uint8).reshape(channels, samples)[channels // 2], np.float64)
 
 
 class LiveView:
@@ -60,7 +49,7 @@ class LiveView:
         assert table is not None
         if find_spec("foxglove") is None:
             extra = 'the package of the extra live (pip install "lgprjax[live]")'
-            raise InputError(started.config.file, "output.live_port", extra, "no foxglove")
+            raise InputError(started.config.file, "output.live_port", extra, "none")
         import foxglove
 
         self._frame = frame

@@ -29,6 +29,7 @@ from lgprjax.wire import Frame
 
 _IDLE_S = 0.002
 _WISH_S = 0.2
+_TELL_S = 0.1
 _STANDING_MPS = 0.05
 _STANDING_NS = 100_000_000
 _WAITING = 256  # scans: two seconds
@@ -156,7 +157,8 @@ class RegistrationProcess:
         self._fixes, self._log = started.ring("fixes"), started.ring("registration_log")
         self._priors = started.ring("priors")
         live = config.output is not None and config.output.live_port is not None
-        self._view = started.ring("view_scans") if live else None
+        records = config.mode == "record"
+        self._view = started.ring("page_scans" if records else "view_scans") if live or records else None
         table = config.ports.radar
         assert table is not None
         port = Port.frames(Source.RADAR, table.url, table.baud, "radar")
@@ -165,12 +167,16 @@ class RegistrationProcess:
         self._queue: ScanQueue | None = None
         self._wished_s = 0.0
         self._ended = False
+        self._scans = 0
         self._said = RadarSelf()
         signal.signal(signal.SIGTERM, self._end)
 
     def run(self) -> None:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
+        if config.mode == "record":
+            self._record_only()
+            return
         vehicle = read_vehicle(config.path(config.vehicle))
         while not (self._said.complete and not self._radar.preparing) and not self._ended:
             started.beat(ProcessStage.WARMING)
@@ -209,6 +215,19 @@ class RegistrationProcess:
             search.ahead.close()
         self._radar.close()
 
+    def _record_only(self) -> None:
+        """Until SIGTERM: take the scans, and tell the control process how many came."""
+        told, told_s = 0, time.monotonic()
+        while not self._ended:
+            self._started.beat(ProcessStage.READY)
+            self._listen()
+            if time.monotonic() - told_s >= _TELL_S and self._scans != told:
+                fresh, told, told_s = self._scans - told, self._scans, time.monotonic()
+                head = json.dumps({"scans": fresh}).encode()
+                self._fixes.put(pack(Record(RecordKind.EVENT, Source.REGISTRATION, 0, time.monotonic_ns(), head)))
+            time.sleep(_IDLE_S)
+        self._radar.close()
+
     def _end(self, *_: object) -> None:
         self._ended = True
 
@@ -224,6 +243,7 @@ class RegistrationProcess:
         self._log.put(record)
         self._radar.take(frame)
         if frame.name in SCAN_MESSAGES:
+            self._scans += 1
             if self._view is not None:
                 self._view.put(record)
             if self._queue is None:

@@ -221,7 +221,7 @@ class SweepReader:
             raise InputError(place, "radar_lookup", f"{expected} channels and steps", str(lookup.sweeps.shape))
         if not np.all(lookup.calibration):
             zeros = f"{np.count_nonzero(lookup.calibration == 0)} zeros"
-            raise InputError(place, "radar_lookup", "a calibration sweep without zeros", zeros)
+            raise InputError(place, "radar_lookup", "a calibration sweep with non-zero values", zeros)
         self._lookup = LookUp(jnp.asarray(lookup.sweeps), jnp.asarray(lookup.calibration))
         self._response = ChannelResponse(*(jnp.asarray(part, jnp.float32) for part in response))
         self._frequencies = jnp.asarray(radar.frequencies_hz, jnp.float32)

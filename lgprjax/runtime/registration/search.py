@@ -140,7 +140,9 @@ def options_of(config: RuntimeConfig) -> RegisterOptions:
     if table.thresholds is not None:
         path = config.path(table.thresholds)
         if table.window_m is None:
-            raise InputError(path, "window_m", "registration.window_m of the configuration, as long", "none")
+            raise InputError(
+                path, "window_m", "registration.window_m in the configuration, the window of these thresholds", "none"
+            )
         own = Thresholds(**read_thresholds(path, table.window_m))
     return RegisterOptions(
         search_m=table.search_m,
@@ -189,7 +191,7 @@ class Search:
         made_of = source.provenance.get("recording", "traces")
         if radar.kind != made_of:
             # Their levels over depth differ, and a vehicle has no drive behind it to measure them on.
-            raise InputError(url, "radar_description", f"{made_of}, as the map was made of", radar.kind)
+            raise InputError(url, "radar_description", f"{made_of}, as in the map", radar.kind)
         options, path = options_of(config), config.path(config.vehicle)
         self.array: ArrayGeometry = array_of_vehicle(
             vehicle, path, channels=known.channels, pitch_m=known.channel_pitch_m, scan_period_s=radar.scan_period_s

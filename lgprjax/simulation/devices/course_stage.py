@@ -24,7 +24,17 @@ from lgprjax.simulation.devices.sensors import (
     position_message,
 )
 from lgprjax.simulation.devices.stage import Stage, StageKind, StageSpec, Ticker
-from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT, SCRIPT_LASTS_S, Body, Driver, DriverInput, Moved, Truth
+from lgprjax.simulation.devices.vehicle import (
+    BUTTONS,
+    GNSS_SLOW_M,
+    SCRIPT,
+    SCRIPT_LASTS_S,
+    Body,
+    Driver,
+    DriverInput,
+    Moved,
+    Truth,
+)
 from lgprjax.simulation.devices.world import GAIN_DRIFT, CourseWorld, Sample, Trajectory
 from lgprjax.wire import Sender, Value, decode
 
@@ -39,7 +49,9 @@ class CourseSpec(StageSpec):
         weather: of the day.
         drive_seed: of the day and of all errors.
         recording, gain_drift: of the radar: finished traces, or stepped-frequency sweeps; see ``CourseWorld``.
-        map: the course's map, whose frame poses are in.
+        gnss_slow_m: sigma of the slow error of positions against the map, an axis.
+        map: the course's map, whose frame poses are in; "" where there is none yet: the site's own frame.
+        host: what it does: drive, record, or record without a radar; times of the script count from when it does so.
         start_m: way along the baseline at which the vehicle stands.
     """
 
@@ -50,7 +62,9 @@ class CourseSpec(StageSpec):
     drive_seed: int
     recording: Literal["traces", "sweeps"] = "traces"
     gain_drift: float = Field(default=GAIN_DRIFT, ge=-0.9, le=10.0)
-    map: str
+    gnss_slow_m: float = Field(default=GNSS_SLOW_M, ge=0.0, le=10.0)
+    map: str = ""
+    host: Literal["drive", "record", "record_without_radar"] = "drive"
     start_m: float = Field(default=2.0, ge=0.0)
 
 
@@ -95,8 +109,8 @@ class CourseStage(Stage[DriveBox, Tick]):
         super().__init__(_KIND, spec, file, begin_ns, tick_ns=1e9 * world.tick_s, box=DriveBox, seed=seed)
         true = TrueVehicle(array_x_m=world.laid.spec.array_x_m)
         assert isinstance(true.rear, float)
-        self.world = world
-        self._body = Body(true, world, world.start(spec.start_m), self.faults, seed)
+        self.world, self._host = world, spec.host
+        self._body = Body(true, world, world.start(spec.start_m), self.faults, seed, spec.gnss_slow_m)
         self._sensing = Sensing(true, self._body.vehicle.sensors, world, self.faults, seed)
         self._driver = Driver(true, world.laid.spec.array_x_m, world.baseline_m)
         self.truth = Truth(true.rear, world.laid.spec.array_x_m, world.baseline_m)
@@ -165,6 +179,12 @@ class CourseStage(Stage[DriveBox, Tick]):
     def warm(self) -> None:
         """Have the radar scan: what renders is compiled then, too."""
         self.radar.state = RadarState.SCANNING
+
+    @property
+    def _host_ready(self) -> bool:
+        if self._host == "drive":
+            return super()._host_ready
+        return self._host == "record_without_radar" or self.radar.state is RadarState.SCANNING
 
     @property
     def _buttons_held(self) -> frozenset[str]:

@@ -126,7 +126,7 @@ def read_items(
         if unknown := sorted(set(row) - allowed):
             raise InputError(file, f"{where}.{unknown[0]}", f"one of {', '.join(sorted(allowed))}", unknown[0])
         if missing := [needed for needed in known[name] if needed not in row]:
-            raise InputError(file, f"{where}.{missing[0]}", f"a value: {name} needs it", "none")
+            raise InputError(file, f"{where}.{missing[0]}", f"a value (required by {name})", "none")
         times = {
             timed: _number(file, f"{where}.{timed}", row[timed], *limits)
             for timed, limits in _TIMES.items()

@@ -25,6 +25,7 @@ from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.field_stage import FieldSpec, FieldStage
 from lgprjax.simulation.devices.stage import Stage, StageSpec, read_spec
 from lgprjax.simulation.devices.world import CourseWorld
+from lgprjax.simulation.drives import SITE_FRAME
 from lgprjax.simulation.loop.off_road import OffRoad
 
 # The stage that a spec asks for: a course with a radar, or a field with a tool.
@@ -43,8 +44,10 @@ def open_spec(file: Path) -> tuple[StageSpec, StageMaker]:
         field = read_spec(file, FieldSpec)
         return field, lambda begin_ns: FieldStage(field, file, begin_ns)
     spec = read_spec(file, CourseSpec)
-    with MapFile.open(spec.map) as opened:
-        local = opened.description.frame
+    local = SITE_FRAME
+    if spec.map:
+        with MapFile.open(spec.map) as opened:
+            local = opened.description.frame
     sweeps = SweepPlan() if spec.recording == "sweeps" else None
     course = OffRoad(spec.seed, spec.length_m, spec.scan_share, sweeps=sweeps)
     world = CourseWorld(course, local, weather=spec.weather, drive_seed=spec.drive_seed, gain_drift=spec.gain_drift)

@@ -224,6 +224,11 @@ class Stage(ABC, Generic[_Box, _Tick]):
         """What the devices beside the controller send by now."""
 
     @property
+    def _host_ready(self) -> bool:
+        """Whether the host is ready, so that times of the script begin to count."""
+        return bool(self.drive_box.mode == READY_MODE)
+
+    @property
     @abstractmethod
     def _buttons_held(self) -> Iterable[str]:
         """Buttons that the operator presses."""
@@ -238,7 +243,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
     def _begin_tick(self, way_m: float, arrivals: int = 0) -> list[ScriptItem]:
         """The next tick begins: its faults run, and items of the script that do are returned."""
         begin_ns, box = self.next_ns, self.drive_box
-        if self._ready_ns is None and box.mode == READY_MODE:
+        if self._ready_ns is None and self._host_ready:
             self._ready_ns = begin_ns
         since = None if self._ready_ns is None else 1e-9 * (begin_ns - self._ready_ns)
         moment = Moment(1e-9 * begin_ns, since, way_m, box.mode, 1e-9 * (begin_ns - box.mode_since_ns), arrivals)
@@ -266,5 +271,5 @@ def _week_rollover_s(wrong: list[ScriptItem], file: Path) -> float | None:
     """When GNSS weeks roll over, s after the world's begin."""
     rolls = [item for item in wrong if item.name == "week_rollover"]
     if rolls and rolls[0].at_s is None:
-        raise InputError(file, "faults", "week_rollover with at_s", "another beginning")
+        raise InputError(file, "faults", "week_rollover with at_s", "week_rollover without at_s")
     return rolls[0].at_s if rolls else None

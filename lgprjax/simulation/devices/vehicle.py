@@ -35,7 +35,8 @@ from lgprjax.vehicle.kinematics import MeasuredRear, VehiclePose
 
 GNSS_X_M = 1.0
 """Antenna ahead of the rear axle."""
-_GNSS_SLOW_M = 0.3
+GNSS_SLOW_M = 0.3
+"""Sigma of the slow error of positions against the map, an axis."""
 _HAND_LAG_S, _HAND_RATE_RADPS = 0.05, 1.0
 
 
@@ -97,6 +98,7 @@ class SimulatedVehicle:
         start: pose of the rear axle in the map's frame.
         along_m: its place on the terrain.
         seed: of the sensors' errors.
+        gnss_slow_m: sigma of the slow error of positions, an axis.
     """
 
     def __init__(
@@ -108,10 +110,11 @@ class SimulatedVehicle:
         start: tuple[float, float, float],
         along_m: float,
         seed: int,
+        gnss_slow_m: float = GNSS_SLOW_M,
     ) -> None:
         assert isinstance(true.rear, float)
         self._true, self._tick_s, self._ratio = true, tick_s, true.rear
-        self.sensors = live_sensors(tick_s=tick_s, gnss_x_m=GNSS_X_M, gnss_slow_m=_GNSS_SLOW_M)
+        self.sensors = live_sensors(tick_s=tick_s, gnss_x_m=GNSS_X_M, gnss_slow_m=gnss_slow_m)
         # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
         self._fixed = jax.tree.map(np.asarray, (terrain, self.sensors))
         plant = Plant(chassis_of(true, true.array_x_m), servo_of(true), pedals_of(true), jnp.float32(true.nominal_v))
@@ -359,10 +362,24 @@ class Body:
         seed: of its sensors' errors.
     """
 
-    def __init__(self, true: TrueVehicle, world: CourseWorld, start: Start, faults: RunningFaults, seed: int) -> None:
+    def __init__(
+        self,
+        true: TrueVehicle,
+        world: CourseWorld,
+        start: Start,
+        faults: RunningFaults,
+        seed: int,
+        gnss_slow_m: float = GNSS_SLOW_M,
+    ) -> None:
         self._true, self._world, self._faults = true, world, faults
         self.vehicle = SimulatedVehicle(
-            true, world.laid.terrain, tick_s=world.tick_s, start=start.pose, along_m=start.along_m, seed=seed
+            true,
+            world.laid.terrain,
+            tick_s=world.tick_s,
+            start=start.pose,
+            along_m=start.along_m,
+            seed=seed,
+            gnss_slow_m=gnss_slow_m,
         )
         roll = world.roll(start.pose, start.along_m)
         still = dict.fromkeys(Sample._fields, 0.0)

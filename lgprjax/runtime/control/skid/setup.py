@@ -105,11 +105,11 @@ def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoa
     plan = read_cover_plan(file)
     hashes[config.coverage.plan] = file_hash(file)
     if plan.tool != setup.tool:
-        raise InputError(file, "tool", f"that of {path.name}, {setup.tool}", f"{plan.tool}: plan again")
+        raise InputError(file, "tool", f"the tool of {path.name}, {setup.tool}", f"{plan.tool}: plan again")
     least_m = float(setup.vehicle.smallest_radius_m)
     tightest_m = min((turn.tightest_radius_m for turn in plan.pattern.turns), default=math.inf)
     if tightest_m < least_m - _SAME_RADIUS_M:
-        expected = f"none tighter than {least_m:g} m, the smallest radius of {path.name}"
+        expected = f"radii of at least {least_m:g} m, the smallest radius of {path.name}"
         raise InputError(file, "turns", expected, f"{tightest_m:.3g} m: plan again")
     route = lay_pattern(plan.pattern)
     taken_up = None if config.coverage.resume is None else _taken_up(config, hashes)
@@ -154,7 +154,7 @@ def _taken_up(config: RuntimeConfig, hashes: dict[str, str]) -> TakenUp:
     held = read_taken_up(path)
     digest = hashes[config.coverage.plan]
     if held.plan_sha256 != digest:
-        raise InputError(path, "plan", f"that of the run, {digest[:12]}...", f"{held.plan_sha256[:12]}...")
+        raise InputError(path, "plan", f"the plan of this run, {digest[:12]}...", f"{held.plan_sha256[:12]}...")
     hashes[config.coverage.resume] = file_hash(path)
     return held
 
@@ -208,7 +208,7 @@ def _needed(config: RuntimeConfig, place: str, value: float | None) -> float:
 def corner_obstacle(result: SkidResult, quality: Quality, *, engaged: bool) -> str:
     """Why no corner can be marked now; empty if it can."""
     if engaged:
-        return "a corner is marked while the operator drives"
+        return "corners are marked only while the operator drives"
     if not result.heading_known > 0.5:
         # The lever between antenna and reference point rotates with the heading.
         return "heading not known: drive straight by remote control"

@@ -343,8 +343,8 @@ class SkidSteerVehicle:
             bool(found & SkidFound.HEADING_UNKNOWN),
             whole(result.reaction, int(Reaction.STOP)),
             {
-                "no position: GNSS": sensed.gnss_age_s - self._loaded.gnss_period_s,
-                "no heading: INS": sensed.ins_age_s,
+                "no position from GNSS": sensed.gnss_age_s - self._loaded.gnss_period_s,
+                "no heading from the INS": sensed.ins_age_s,
                 "drive-by-wire box is silent": sensed.box_age_s,
             },
             not bits & LINE,

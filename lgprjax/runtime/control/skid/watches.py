@@ -54,14 +54,14 @@ SEVERITY = {
 
 TEXT = {
     SkidFound.REMOTE_SILENT: "remote control is silent: stopping",
-    SkidFound.EDGE: "the edge would be crossed: stopping in front of it",
+    SkidFound.EDGE: "the fence would be crossed: stopping before it",
     SkidFound.TOOL_OFF: "tool does not turn: stopping, cells are not counted",
     SkidFound.TOOL_DEPTH: "tool at a wrong depth: stopping, cells are not counted",
-    SkidFound.LEFT_DEAD: "left track or its sensor is dead",
-    SkidFound.RIGHT_DEAD: "right track or its sensor is dead",
+    SkidFound.LEFT_DEAD: "left track or its sensor has failed",
+    SkidFound.RIGHT_DEAD: "right track or its sensor has failed",
     SkidFound.HEADING_UNKNOWN: "heading not known: drive straight by remote control",
     SkidFound.UNCERTAIN: "position too uncertain: no GNSS for too long?",
-    SkidFound.OFF_LINE: "off a line on which the tool works: stopping",
+    SkidFound.OFF_LINE: "off the working line: stopping",
 }
 """Each finding in plain words."""
 

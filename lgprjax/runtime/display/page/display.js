@@ -1,6 +1,7 @@
 // The operator's page: shows what the control process says, and says loudly when it says nothing.
 
 import { drawPlan, points } from "./plan.js";
+import { drawColumn, lineWords, radarWords } from "./record.js";
 import { FIELD_MODES, computedCorner, fieldWords, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
@@ -11,18 +12,20 @@ const MODES = {
   CHECKS: ["CHECKING", "You drive. The system is being checked.", "M20 22h60M20 50h60M20 78h34"],
   READY: ["READY", "You drive. The controller's button can engage steering.", "M50 6a44 44 0 1 0 .1 0M30 52l14 15 27-32"],
   READY_REFUSED: ["READY", "You drive. Steering cannot be engaged now.", "M50 6a44 44 0 1 0 .1 0M28 50h44"],
-  STEERING: ["STEERING", "The vehicle steers. Throttle and brake are yours.", "M50 6a44 44 0 1 0 .1 0M8 46h84M50 46v46"],
+  STEERING: ["STEERING", "The vehicle steers. You control throttle and brake.", "M50 6a44 44 0 1 0 .1 0M8 46h84M50 46v46"],
   SPEED: ["STEERING + SPEED", "The vehicle steers and holds the speed.", "M12 14l32 36-32 36M50 14l32 36-32 36"],
   MANUAL: ["MANUAL", "You drive.", "M10 10h80v80h-80z"],
   ERROR: ["ERROR", "You drive. Press override once the error is cleared.", "M50 8 95 90H5zM50 38v24M50 76v1"],
   EMERGENCY_STOP: ["EMERGENCY STOP", "Power is cut. Release the stop, then press override.",
     "M30 5h40l25 25v40l-25 25h-40l-25-25v-40zM28 50h44"],
-  NO_DATA: ["NO DATA", "What is shown is old. Be ready to take over.", "M15 15 85 85M85 15 15 85"],
-  UNKNOWN: ["MODE UNKNOWN", "The vehicle tells no mode. Be ready to drive.", "M15 15 85 85M85 15 15 85"],
+  RECORD: ["RECORDING", "You drive. Nothing is commanded.", "M50 14a36 36 0 1 0 .1 0M50 34a16 16 0 1 0 .1 0"],
+  RECORD_LOST: ["NOT RECORDING", "Stop. The recorder has failed.", "M50 14a36 36 0 1 0 .1 0M15 15 85 85"],
+  NO_DATA: ["NO DATA", "The displayed values are old. Be ready to take over.", "M15 15 85 85M85 15 15 85"],
+  UNKNOWN: ["MODE UNKNOWN", "The vehicle reports no mode. Be ready to drive.", "M15 15 85 85M85 15 15 85"],
 };
 const CODES = {
-  ok: "good", low_correlation: "could be chance", ambiguous: "two places fit", edge: "edge of the search",
-  off_map: "off the map", low_overlap: "little map beneath", non_finite: "no numbers", no_window: "gathering scans",
+  ok: "good", low_correlation: "may be chance", ambiguous: "two places fit", edge: "edge of the search",
+  off_map: "off the map", low_overlap: "too little map below", non_finite: "invalid data", no_window: "gathering scans",
 };
 
 const at = (id) => document.getElementById(id);
@@ -118,6 +121,22 @@ function showTool() {
   at("correlation").className = `figure ${tool.kind}`;
 }
 
+function showRecord() {
+  tell("correlation-title", "Radar");
+  const radar = radarWords(state);
+  tell("share", "");
+  tell("correlation", radar.figure);
+  tell("correlation-more", radar.more);
+  at("correlation").className = `figure ${radar.kind}`;
+  tell("speed", fixed(state.speed_mps, 1));
+  tell("speed-more", "");
+  tell("cross-title", "Recorded");
+  tell("cross", `${fixed(state.travel_m, 0)} m`);
+  tell("route-title", "Connections");
+  at("route-list").replaceChildren(
+    ...lineWords(state).map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+}
+
 function showField(engaged) {
   tell("route-title", typeof state.route === "string" ? `Field ${fileName(state.route)}` : "No plan: mark three corners");
   const words = fieldWords(state.field, worked, engaged);
@@ -191,9 +210,12 @@ function render() {
   const mode = Object.hasOwn(MODES, state.mode) ? state.mode : "UNKNOWN";
   const engaged = ENGAGED.includes(mode);
   showMode(mode, mode === "READY" && refusal() !== null);
-  showFigures();
+  document.body.classList.toggle("record", Boolean(state.lines));
+  if (state.lines) showRecord();
+  else showFigures();
   showWords(mode, engaged);
-  if (state.field) showField(engaged);
+  if (state.lines) tell("answer", "");
+  else if (state.field) showField(engaged);
   else showRoutes(engaged);
   showFoot();
   drawWhole();
@@ -210,17 +232,17 @@ function drawWhole() {
 // --- how old it is -----------------------------------------------------------------------------------------------
 function staleBecause() {
   const silent_s = now() - received_s;
-  if (broken) return "The page failed. Load it again.";
+  if (broken) return "The page failed. Reload it.";
   if (socket.readyState !== WebSocket.OPEN || silent_s > STALE_S) {
     return `No connection to the vehicle's computer${closedBecause && `: ${closedBecause}`}.`;
   }
-  if (age_s === null) return "The control process has said nothing yet.";
+  if (age_s === null) return "No data from the control process yet.";
   if (age_s + silent_s > STALE_S) {
     // Both make it old: the larger part is to blame.
     if (age_s < silent_s) return "The connection is slow.";
-    return `The control process is silent for ${(age_s + silent_s).toFixed(1)} s.`;
+    return `No data from the control process for ${(age_s + silent_s).toFixed(1)} s.`;
   }
-  if (delay_s > STALE_S) return `The connection is slow: what arrives is ${delay_s.toFixed(1)} s old.`;
+  if (delay_s > STALE_S) return `The connection is slow: data is ${delay_s.toFixed(1)} s old.`;
   return null;
 }
 
@@ -250,6 +272,7 @@ function take(said) {
     if ("path" in said) path = points(said.path);
     if ("worked" in said) worked = said.worked;
     received_s = now();
+    if ("column" in said) drawColumn(at("radargram"), said.column);
     if (said.state === null) return;
     state = said.state;
     if (staleBecause() === null) render();

@@ -6,7 +6,7 @@ const centimetres = (value) => (isNumber(value) ? `${(100 * value).toFixed(0)} c
 export const FIELD_MODES = {
   READY: "You drive by remote control. Its button engages.",
   READY_REFUSED: "You drive by remote control. It cannot engage.",
-  STEERING: "The computer holds the vehicle. It stands.",
+  STEERING: "The computer controls the vehicle. It is stationary.",
   SPEED: "The vehicle drives its plan.",
   MANUAL: "You drive by remote control.",
 };
@@ -16,7 +16,7 @@ export function toolWords(field) {
   const line = isNumber(field.line) ? `line ${field.line} of ${field.lines}` : field.lines ? `turn, ${field.lines} lines` : "";
   const wrong = field.told_on && !(field.turns && field.depth_right);
   const figure = field.turns ? centimetres(field.depth_m) : field.turns === false ? "OFF" : "–";
-  const told = field.told_on ? `told on, ${centimetres(field.depth_asked_m)}` : "told off";
+  const told = field.told_on ? `command: on, ${centimetres(field.depth_asked_m)}` : "command: off";
   return { line, figure, more: wrong ? `▲ ${told}` : told, kind: wrong ? "warn" : "" };
 }
 

@@ -1,0 +1,37 @@
+// A run that only records: the lines with their rates, the radargram as it arrives, what has been recorded.
+
+const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
+const NAMES = { radar: "Radar", gnss: "GNSS/INS", drive_by_wire: "Vehicle", controller: "Controller" };
+
+// The radar's tile: scans per second, and how many so far.
+export function radarWords(state) {
+  const radar = state.lines.radar;
+  if (!radar) return { figure: "–", more: "no radar configured", kind: "" };
+  const silent = !radar.messages || radar.age_s > 1;
+  const figure = silent ? "0 /s" : `${Math.round(radar.rate_hz)} /s`;
+  return { figure, more: `${state.scans} scans`, kind: silent ? "warn" : "" };
+}
+
+// Lines beside the plan: quality of the position, then each line's rate or silence.
+export function lineWords(state) {
+  const sigma = isNumber(state.sigma_m) ? ` ± ${(100 * state.sigma_m).toFixed(state.sigma_m < 0.1 ? 1 : 0)} cm` : "";
+  const words = [state.quality ? `Position: ${state.quality.toLowerCase()}${sigma}` : "▲ No position yet"];
+  if (state.lines.gnss) words.push(state.heading ? "Heading: from the receiver" : "Heading: from the track");
+  words.push(state.odometer ? "Travel: odometer" : "Travel: positions");
+  for (const [name, line] of Object.entries(state.lines)) {
+    const silent = !line.messages || line.age_s > 1;
+    words.push(silent ? `▲ ${NAMES[name] || name}: no data` : `${NAMES[name] || name}: ${line.rate_hz.toFixed(0)} /s`);
+  }
+  return words;
+}
+
+// The radargram moves left by a column for each new scan.
+export function drawColumn(canvas, column) {
+  if (!Array.isArray(column) || !column.length) return;
+  const pen = canvas.getContext("2d", { willReadFrequently: true });
+  if (canvas.height !== column.length) canvas.height = column.length;
+  pen.drawImage(canvas, -1, 0);
+  const image = pen.createImageData(1, column.length);
+  column.forEach((grey, row) => image.data.set([grey, grey, grey, 255], 4 * row));
+  pen.putImageData(image, canvas.width - 1, 0);
+}

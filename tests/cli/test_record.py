@@ -1,0 +1,138 @@
+"""A first drive is recorded without a map: radar, GNSS/INS and odometry of simulated devices, in lock step."""
+
+import json
+import re
+import shutil
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from canon.commands import run, succeed
+from canon.map import of_many_grounds
+from canon.record import Recorded, record, write_record
+from cli.processes import ROOT
+from lgprjax.errors import InputError
+from lgprjax.formats import DriveLog, NavigationTrack, VehicleLog, read_run
+from lgprjax.frames import along_cross
+from lgprjax.mapping import build_map
+from lgprjax.run_records import RecordKind, Source, unpack
+from lgprjax.runtime.config import RuntimeConfig, read_config
+from lgprjax.runtime.drive_log import drive_of_run
+from lgprjax.simulation.drives import SITE_FRAME
+from refusals import refused
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Twenty-five seconds by hand at two metres per second."""
+    return record(tmp_path_factory.mktemp("record"), 25.0)
+
+
+def errors_of(run: Recorded, track: NavigationTrack) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors of poses against the simulated vehicle: along, across in metres, heading in degrees."""
+    clock = read_run(run.folder).clock
+    assert clock is not None
+    at_ns = clock[1] + 1e9 * track.time_s
+    east, north, _ = SITE_FRAME.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
+    yaw = SITE_FRAME.yaw_of_heading(track.heading_deg, track.longitude_deg)
+    with np.load(run.folder / "truth.npz") as truth:
+        x, y, turned = (
+            np.interp(at_ns, truth["mono_ns"], values)
+            for values in (truth["x_m"], truth["y_m"], np.unwrap(truth["yaw_rad"]))
+        )
+    along, across = along_cross(east - x, north - y, turned)
+    return along, across, np.degrees((yaw - turned + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def test_the_recording_is_a_sound_drive_log_close_to_the_truth(recorded: Recorded) -> None:
+    succeed("check", recorded.drive)
+    with DriveLog.open(recorded.drive) as log:
+        along, across, heading_deg = errors_of(recorded, log.description.navigation)
+        travel_m = np.ptp(log.description.odometry.distance_m)
+        assert log.scans > 450
+        assert log.description.array.x_m.mean() == pytest.approx(6.2)
+    # RTK with 1 cm of white noise; the INS heading wanders by a tenth of a degree.
+    assert np.sqrt(np.mean(across**2)) < 0.025
+    assert np.sqrt(np.mean(along**2)) < 0.025
+    assert np.abs(heading_deg).max() < 0.5
+    assert travel_m == pytest.approx(46.0, abs=3.0)
+
+
+def test_nothing_was_sent_to_the_vehicle(recorded: Recorded) -> None:
+    sent = [unpack(data) for _, data in read_run(recorded.folder)]
+    sent = [record for record in sent if record.kind is RecordKind.PORT_OUT]
+    assert {record.source for record in sent} == {Source.RADAR}
+
+
+def test_its_run_folder_is_a_map_with_a_route(
+    recorded: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
+    database = tmp_path / "first.map.h5"
+    assert str(recorded.drive) in recorded.said
+    succeed("map", "build", recorded.folder, "-o", database)
+    (route,) = json.loads(succeed("route", "list", database, "--json", "-"))["routes"]
+    assert route["route"] == "record"
+    # A drive that began at standstill has no kink there.
+    vehicle = ROOT / "onboard" / "made_up.vehicle.toml"
+    said = succeed("route", "select", database, "record", "--vehicle", vehicle, "-o", tmp_path / "first.route.toml")
+    assert re.search(r"\d+\.\d m", said)
+
+
+def test_what_was_recorded_before_a_power_cut_is_kept(recorded: Recorded, tmp_path: Path) -> None:
+    cut = tmp_path / "cut"
+    shutil.copytree(recorded.folder, cut)
+    (cut / "record.drive.h5").unlink()
+    segment = sorted(cut.glob("*.lgprun"))[-1]
+    whole = segment.read_bytes()
+    segment.write_bytes(whole[: len(whole) // 2])
+    succeed("recover", cut, "-o", tmp_path / "saved.drive.h5")
+    with DriveLog.open(tmp_path / "saved.drive.h5") as saved, DriveLog.open(recorded.drive) as log:
+        assert 0.4 < saved.scans / log.scans < 0.6
+
+
+def test_it_has_no_commands_to_replay(recorded: Recorded) -> None:
+    done = run("run", recorded.folder / "simulated.run.toml", "--replay", recorded.folder)
+    assert done.status == 1
+    done.refusal.check("mode", "drive", found="record")
+
+
+def test_without_ins_and_radar_there_are_tracks(tmp_path: Path) -> None:
+    """Positions alone give headings once the vehicle moves; without radar it is a log for calibration."""
+    changes = (
+        ('radar = { url = "socket://127.0.0.1:1" }\n', ""),
+        ("script = [", 'faults = [{ at_s = 0.0, kind = "ins_off", for_s = 1000.0 }]\nscript = ['),
+    )
+    made = record(tmp_path, 20.0, *changes)
+    log = VehicleLog.open(made.drive)
+    along, across, heading_deg = errors_of(made, log.navigation)
+    assert np.sqrt(np.mean(along**2)) < 0.04
+    assert np.sqrt(np.mean(across**2)) < 0.04
+    assert np.sqrt(np.mean(heading_deg**2)) < 4.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "place", "named"),
+    [
+        ([('mode = "record"', 'mode = "record"\nmap = "x.map.h5"')], "map, routes, coverage", "record"),
+        ([("gnss = {", "# gnss = {"), ("radar = {", "# radar = {")], "ports", "gnss or radar"),
+        ([('mode = "record"', 'mode = "drive"')], "ports.controller", "record"),
+    ],
+    ids=["map", "lines", "drive"],
+)
+def test_configurations_say_what_their_mode_needs(
+    tmp_path: Path, changes: list[tuple[str, str]], place: str, named: str
+) -> None:
+    with refused(place, named, file="record.run.toml"):
+        read_config(write_record(tmp_path, *changes))
+
+
+def test_channels_of_unknown_spacing_are_no_drive(recorded: Recorded, tmp_path: Path) -> None:
+    config: RuntimeConfig = read_config(recorded.folder / "simulated.run.toml")
+    unknown = config.model_copy(update={"radar": config.radar.model_copy(update={"channel_pitch_m": None})})
+    with pytest.raises(InputError) as error:
+        drive_of_run(read_run(recorded.folder), unknown, tmp_path / "x.drive.h5")
+    assert "channel_pitch_m" in error.value.expected
+    assert not (tmp_path / "x.drive.h5").exists()

@@ -1,0 +1,142 @@
+"""What a run that only records shows: rates, silence, travel, a recorder that failed; and that it sends nothing."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pyubx2 import GET, UBXMessage
+
+from lgprjax.run_records import Record, RecordKind, Source, pack
+from lgprjax.runtime.config import PortsTable, PortTable, RuntimeConfig
+from lgprjax.runtime.control.record import STATE_TICKS, RecordCore
+from lgprjax.runtime.display.board import Board
+from lgprjax.runtime.radargram import ROWS, LiveColumns
+from lgprjax.wire import MESSAGES, Sender
+
+_TICK_NS = 20_000_000
+
+
+def config_of(*lines: str) -> RuntimeConfig:
+    ports = PortsTable(**{name: PortTable(url="/dev/null") for name in lines})
+    return RuntimeConfig(file=Path("record.run.toml"), name="record", mode="record", ports=ports)
+
+
+def position(at_s: float, north_m: float) -> bytes:
+    message = UBXMessage(
+        "NAV", "NAV-PVT", GET, iTOW=round(1000 * at_s), fixType=3, gnssFixOk=1, carrSoln=2, hAcc=14,
+        lat=42.0 + north_m / 111_194.9, lon=-71.0, height=10_000,
+    )  # fmt: skip
+    return bytes(message.serialize())
+
+
+class Lines:
+    """A core and a clock: a tick of 20 ms at a time."""
+
+    def __init__(self, *lines: str) -> None:
+        self.core, self.tick, self.now_ns = RecordCore(config_of(*lines)), 0, 10**9
+        self.out: list[Record] = []
+        self._box = Sender(7)
+
+    def run(
+        self, seconds: float, *, north_mps: float = 0.0, gnss: bool = True, odometer_mps: float | None = None
+    ) -> None:
+        for _ in range(round(50 * seconds)):
+            self.tick, self.now_ns = self.tick + 1, self.now_ns + _TICK_NS
+            at_s, came = self.now_ns / 1e9, []
+            if gnss and self.tick % 5 == 0:
+                came.append(self._in(Source.GNSS, position(at_s, north_mps * at_s)))
+            if odometer_mps is not None:
+                came.append(self._in(Source.DRIVE_BY_WIRE, self._status(odometer_mps * at_s)))
+            self.out += self.core.step(self.tick, self.now_ns, came)
+
+    def tell(self, **note: Any) -> None:
+        self.core.step(self.tick, self.now_ns, [
+            Record(RecordKind.EVENT, Source.SUPERVISOR, 0, self.now_ns, json.dumps(note).encode())
+        ])  # fmt: skip
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return self.core.state(self.tick, self.now_ns)
+
+    def _in(self, source: Source, raw: bytes) -> Record:
+        return Record(RecordKind.PORT_IN, source, self.tick, self.now_ns, raw)
+
+    def _status(self, odometer_m: float) -> bytes:
+        return status(self._box, odometer_m, self.now_ns)
+
+
+def status(sender: Sender, odometer_m: float, mono_ns: int) -> bytes:
+    numbers = {field.name: 0 for field in MESSAGES["drive_status"].numbers}
+    return sender.frame("drive_status", {**numbers, "odometer_m": odometer_m}, mode=0, mono_ns=mono_ns)
+
+
+def test_it_gives_out_states_alone() -> None:
+    lines = Lines("gnss", "radar")
+    lines.run(2.0, north_mps=2.0)
+    assert {record.kind for record in lines.out} == {RecordKind.STATE}
+    assert len(lines.out) == 100 // STATE_TICKS
+
+
+def test_rates_and_silence_of_each_line() -> None:
+    lines = Lines("gnss", "radar")
+    lines.run(4.0)
+    assert lines.state["lines"]["gnss"]["rate_hz"] == pytest.approx(10.0, abs=0.6)
+    assert any(text.startswith("radar") for text in lines.state["warnings"])
+    lines.tell(scans=40)
+    assert lines.state["scans"] == 40
+    assert not any(text.startswith("radar") for text in lines.state["warnings"])
+    lines.run(3.0, gnss=False)
+    assert lines.state["lines"]["gnss"]["age_s"] == pytest.approx(3.0, abs=0.2)
+    assert lines.state["lines"]["gnss"]["rate_hz"] == 0.0
+    assert {text.split(":")[0] for text in lines.state["warnings"]} == {"gnss", "radar"}
+
+
+def test_travel_is_that_of_the_odometer_else_of_the_positions() -> None:
+    by_positions = Lines("gnss")
+    by_positions.run(10.0, north_mps=2.0)
+    assert by_positions.state["travel_m"] == pytest.approx(20.0, abs=0.6)
+    assert by_positions.state["speed_mps"] == pytest.approx(2.0, abs=0.05)
+    both = Lines("gnss", "drive_by_wire")
+    both.run(10.0, north_mps=2.0, odometer_mps=2.2)
+    assert both.state["travel_m"] == pytest.approx(22.0, abs=0.1)
+    trail = np.array(both.core.state(100, both.now_ns)["path"])
+    assert np.hypot(*np.diff(trail, axis=0).T).max() < 0.8
+
+
+def test_a_recorder_that_failed_is_the_mode_that_is_shown() -> None:
+    lines = Lines("gnss")
+    lines.tell(ready="recorder")
+    assert lines.state["mode"] == "RECORD"
+    lines.tell(died="recorder")
+    assert lines.state["mode"] == "RECORD_LOST"
+    lines.tell(ready="recorder")
+    assert lines.state["mode"] == "RECORD"
+
+
+def scan(value: int) -> bytes:
+    rng = np.random.default_rng(value)
+    data = rng.integers(0, 256, (3, 64), np.uint8).tobytes()
+    fields: dict[str, int | float | bytes] = {"scan": value, "channels": 3, "samples": 64, "valid": 7, "data": data}
+    return Sender(3).frame("radar_scan", fields, mode=0, mono_ns=value)
+
+
+def test_the_newest_scan_is_a_column_of_the_page_once() -> None:
+    columns = LiveColumns()
+    assert columns.column() is None
+    for number in range(5):
+        columns.take(scan(number))
+    column = columns.column()
+    assert column is not None
+    assert column.shape == (ROWS,)
+    assert np.ptp(column) > 50
+    assert columns.column() is None
+    board = Board()
+    records = [Record(RecordKind.PORT_IN, Source.RADAR, 0, 1, scan(number)) for number in (8, 9)]
+    board.take_scans([*map(pack, records), b"short"])
+    said = json.loads(board.text(5, 0, with_path=False))
+    assert len(said["column"]) == ROWS
+    assert board.refused_states == 1
+    board.take_scans([])
+    assert "column" not in json.loads(board.text(6, 0, with_path=False))
