@@ -2,13 +2,12 @@
 tables, and the files that pages link to."""
 
 import ast
-import json
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from html import unescape
 from pathlib import Path
-from textwrap import indent
 from typing import Any
 
 import nbformat
@@ -16,6 +15,9 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from nbconvert import MarkdownExporter
+
+from benchmarks.page import record_pages
+from validation.worlds.table import markdown_of, read_figures
 
 _ROOT = Path(__file__).parent
 _ROOMS = (
@@ -25,13 +27,17 @@ _ROOMS = (
 )
 # A link that leaves docs/, with the heading that it may name.
 _OUTSIDE = re.compile(r"\]\(\.\./([^)#\s]+)(?:#[^)]*)?\)")
+# A record, which has a page on the site.
+_RECORD = re.compile(r"\]\((records/[\w-]+)\.json\)")
 # Of a notebook's outputs: a page within the page, and what pandas says about the looks of its tables.
 _FRAME = re.compile(r'<iframe srcdoc="(.*?)" title="(.*?)"[^>]*></iframe>', re.DOTALL)
 _LOOKS = re.compile(r'<style scoped>.*?</style>\s*| border="1" class="dataframe"', re.DOTALL)
-_DIAGRAM = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _CELL = re.compile(r"<td>(.*?)</td>", re.DOTALL)
 _PICTURE = re.compile(r'(<img [^>]*src="([^"]+)"[^>]*>)')
 _REFUSALS = ("InputError", "ArgumentError", "NotExcitedError")
+_COMMANDS, _PUBLIC = "reference/commands.md", "reference/public_names.md"
+_WRITTEN_BY = {"lgprjax/cli/verbs.py": _COMMANDS, "lgprjax/api/page.py": _PUBLIC}
+"""Sources that pages link to, and their generated pages on the site."""
 # What Markdown would read in a cell.
 _LITERAL = re.compile(r"[&<>{}\[\]*_|`\\]")
 _TABLES = {
@@ -44,13 +50,13 @@ _TABLES = {
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Put the reference into the navigation, before the performance."""
+    """Put the generated pages into the navigation: the reference below the written pages, records into Evidence."""
     python = [{f"lgprjax.{room}": f"reference/{room}.md"} for room in _ROOMS]
     formats = [{path.name: f"files/{path.stem}.md"} for path in _schemas()]
-    assert config.nav is not None
-    before = next(place for place, each in enumerate(config.nav) if "Performance" in each)
-    config.nav.insert(before, {"Reference": [{"Python": python}, {"Files": formats}, {"Messages": "messages.md"}]})
-    config.nav.insert(before + 2, {"Performance, all records": "all_records.md"})
+    generated = [{"Commands": _COMMANDS}, {"Public Python names": _PUBLIC}, {"Python modules": python}]
+    sections = {name: inside for entry in config.nav or [] for name, inside in entry.items()}
+    sections["Reference"] += [*generated, {"Files": formats}, {"Messages": "messages.md"}]
+    sections["Evidence"].append({"Records": [f"records/{name}" for name in _record_pages()]})
     return config
 
 
@@ -65,7 +71,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for schema in _schemas():
         files.append(File.generated(config, f"files/{schema.stem}.md", content=_format_page(schema)))
     files.append(File.generated(config, "messages.md", content=messages_page()))
-    files.append(File.generated(config, "all_records.md", content=_records_page()))
+    for name, page in reference_pages():
+        files.append(File.generated(config, name, content=page))
+    for name, page in _record_pages().items():
+        files.append(File.generated(config, f"records/{name}", content=page))
     files.append(File.generated(config, "repository/CHANGELOG.md", content=(_ROOT / "CHANGELOG.md").read_text("utf-8")))
     for file in _notebook_files(config):
         files.append(file)
@@ -76,12 +85,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Point links that leave docs/ at the places that these files have on the site, and fold up diagrams' sources.
-
-    GitHub draws them; here the script that would is fetched from elsewhere, and the tables below them say the same.
-    """
+    """Point links that leave docs/ at the places that these files have on the site."""
+    if page.file.src_uri.startswith(("records/", "reference/")):
+        return markdown
     up = "../" * page.file.src_uri.count("/")
-    markdown = _DIAGRAM.sub(_folded, markdown)
+    markdown = _RECORD.sub(r"](\1.md)", markdown)
     return _OUTSIDE.sub(lambda link: f"]({up}{_place(link[1])})", markdown)
 
 
@@ -125,10 +133,6 @@ def _notebook_page(path: Path) -> Iterator[tuple[str, str | bytes]]:
     yield from ((f"{beside}/page_{number}.html", page) for number, page in enumerate(pages, 1))
 
 
-def _folded(diagram: re.Match[str]) -> str:
-    return '??? note "The same as a diagram in Mermaid\'s language"\n' + indent(f"```text\n{diagram[1]}```", "    ")
-
-
 def on_post_template(output_content: str, template_name: str, **_: object) -> str:
     """Addresses on the page of what is not found: beside it, as the site need not stand at the root of its host."""
     return re.sub('"/(?!>)', '"./', output_content) if template_name == "404.html" else output_content
@@ -149,12 +153,23 @@ def _schemas() -> list[Path]:
     return sorted((_ROOT / "data_schema").glob("*.toml"))
 
 
+def reference_pages() -> Iterator[tuple[str, str]]:
+    """File names and contents of the references that the package writes: commands, and public Python names."""
+    from lgprjax.api.page import api_page
+    from lgprjax.cli.help import reference_page
+
+    yield _COMMANDS, reference_page()
+    yield _PUBLIC, api_page()
+
+
 def _place(path: str) -> str:
     """Where a file of the repository is on the site; a page of its own links would not hold there."""
     if path.startswith("data_schema/") and path.endswith(".toml"):
         return f"files/{Path(path).stem}.md"
     if path.startswith("notebooks/"):
         return path.replace(".ipynb", ".md")
+    if path in _WRITTEN_BY:
+        return _WRITTEN_BY[path]
     return f"repository/{path.removesuffix('.md')}{'.txt' if path.endswith('.md') else ''}"
 
 
@@ -185,27 +200,11 @@ def _worded(value: ast.expr) -> str:
     return f"{{{ast.unparse(value.value if isinstance(value, ast.FormattedValue) else value)}}}"
 
 
-def _records_page() -> str:
-    """Figures and goals as the benchmarks wrote them, a table a benchmark; nobody has typed them."""
-    lines = ["# All records", "", "What benchmarks wrote themselves (`--json`), as it is. [What was measured]"]
-    lines[-1] += "(performance.md) says what was measured and what of it may be concluded."
-    for path in sorted((_ROOT / "docs" / "records").glob("*.json")):
-        told = json.loads(path.read_text("utf-8"))
-        quick = " --quick" if told["quick"] else ""
-        command = told.get("command", f"python -m benchmarks {path.stem}")
-        lines += ["", f"## {command}{quick}", "", told["machine"], ""]
-        lines += ["| figure | value | unit | goal | met | |", "| --- " * 6 + "|"]
-        lines += [_record_row(record) for record in told["records"]]
-    return "\n".join([*lines, ""])
-
-
-def _record_row(record: dict[str, Any]) -> str:
-    value = "not measured" if record["value"] is None else f"{record['value']:.4g}"
-    sign = "≤" if record["direction"] == "lower" else "≥"
-    goal = "" if record["goal"] is None else f"{sign} {record['goal']:g}"
-    met = {None: "", True: "yes", False: "**no**"}[record["met"]]
-    cells = (record["key"], value, record["unit"], goal, met, record["note"])
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+@cache
+def _record_pages() -> dict[str, str]:
+    """Pages of docs/records by file name, the overview first."""
+    folder = _ROOT / "docs" / "records"
+    return record_pages(folder, {"worlds": markdown_of(read_figures(folder / "worlds.json"))})
 
 
 def _format_page(path: Path) -> str:

@@ -1,6 +1,6 @@
 """lgprjax: locate a vehicle by the ground beneath it, with ground-penetrating radar, on JAX.
 
-``import lgprjax as lx`` gives the public names listed in ``__all__``; docs/api.md describes each with an example. A
+``import lgprjax as lx`` gives the public names listed in ``__all__``; docs/api.md lists them. A
 name is loaded when it is first used, so that the import itself is cheap.
 """
 
@@ -60,7 +60,7 @@ _MODULE_OF = {
     "open_worked": "lgprjax.api.coverage",
 }
 
-__all__ = [  # noqa: RUF022  # in the order in which they are used, which is that of docs/api.md
+__all__ = [  # noqa: RUF022  # in the order of use, which is that of docs/api.md
     "simulate",
     "open_drive",
     "check",

@@ -38,7 +38,7 @@ from vendor_sets import write_cmu, write_gprmax, write_iprb, write_segy
 
 # What is run here, as it stands on its page and in its order: page, and which of its commands.
 HERE = {
-    "vendors": ("README.md", r"import (iprb|segy|cmu|gprmax) .*"),
+    "vendors": ("docs/surveys.md", r"import (iprb|segy|cmu|gprmax) .*"),
     "field": ("docs/coverage.md", r"cover .*"),
     "transfer": ("docs/transfer.md", r"(import mcap|export) .*"),
 }
@@ -104,7 +104,13 @@ ELSEWHERE = {
 }
 
 
+# Examples of the help, with the pages.
+EXAMPLES = Path("--help")
+
+
 def _shown(page: Path) -> list[str]:
+    if page == EXAMPLES:
+        return [f"lgprjax {example}" for _, verb in every_verb() for example in verb.examples]
     return [*shown_in_blocks(page), *shown_in_text(page)]
 
 
@@ -141,7 +147,7 @@ def test_what_is_shown_is_read_and_run(read: list[list[str]]) -> None:
     for words in read:
         known.setdefault(_verb_of(words), set()).update(_options_of(words))
     missing = []
-    for page in PAGES:
+    for page in (*PAGES, EXAMPLES):
         for command in _shown(page):
             read.clear()
             bare = names_a_verb_only(command)

@@ -1,7 +1,8 @@
-"""The public interface: a session as people type it, every example of docs/api.md, kernels under jit, vmap and grad."""
+"""The public interface: the session of docs/api.md, an example of every name, kernels under jit, vmap and grad."""
 
 import contextlib
 import inspect
+import re
 import shutil
 import subprocess
 import sys
@@ -37,15 +38,13 @@ from lgprjax.report import WRONG_M
 from lgprjax.tuning.look_ahead import TrialCourses, TunedVehicle, sweep_look_ahead
 from lgprjax.vehicle import line_course
 from refusals import refusal_in, refused
+from shown_commands import python_of
 
 _ROOT = Path(__file__).parents[1]
+_PAGE = _ROOT / "docs" / "api.md"
 _SESSION = """
 import jax
-import lgprjax as lx
 
-drives = lx.simulate("village", "drives/")                        # or lx.open_drive("X.drive.h5") of one's own
-site = lx.build_map([drives["baseline_left"], drives["baseline_right"]], "site.map.h5")
-fixes = lx.register(site, drives["live"])                         # fixes.table: DataFrame; fixes.plot(): Axes
 many = lx.register_many(site, drives.values(), "out/", workers=2)
 
 batch = site.batch(drives["live"], scans=slice(0, 512))           # arrays on the device: tile, scans, priors
@@ -81,7 +80,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
     scope: dict[str, Any] = {}
     with contextlib.chdir(folder):
         lx.simulate("tuning/drives.toml", "out/drives", only=["palm_tree", "palm_tree_again"])
-        exec(_SESSION, scope)
+        exec("\n".join([*python_of(_PAGE), _SESSION]), scope)
     return folder, scope
 
 
@@ -89,6 +88,7 @@ def test_a_session_runs_as_it_stands(session: tuple[Path, dict[str, Any]]) -> No
     _, names = session
     fixes, many, poses = names["fixes"], names["many"], names["poses"]
     assert isinstance(fixes.table, pd.DataFrame)
+    assert len(names["located"]) == fixes.ok.sum()
     assert fixes.ok.mean() > 0.5
     off = np.hypot(*(fixes.fix.pose - fixes.truth)[fixes.ok, :2].T)
     assert np.percentile(off, 99.0) < 0.1
@@ -127,11 +127,17 @@ def test_a_study_file_takes_no_logs_or_options_beside_it(tmp_path: Path) -> None
         lx.tune(_ROOT / "tuning" / "k_ratio.toml", logs=[tmp_path / "none"], degree=3)
 
 
-def test_the_page_is_made_from_the_docstrings() -> None:
-    assert (_ROOT / "docs" / "api.md").read_text(encoding="utf-8") == api_page(), (
-        "python -m lgprjax.api.page > docs/api.md"
-    )
-    assert "tune(study, *, vehicle=None, logs=(), held_out=(), **options)" in api_page()
+def test_the_page_lists_the_public_names() -> None:
+    page = _PAGE.read_text(encoding="utf-8")
+    assert re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == lx.__all__
+    assert len(page.split()) <= 600
+
+
+def test_the_reference_has_every_name_with_its_example() -> None:
+    page = api_page()
+    assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == lx.__all__
+    assert "tune(study, *, vehicle=None, logs=(), held_out=(), **options)" in page
+    assert all(text.strip() in page for _, text in examples())
 
 
 def test_the_import_costs_nothing() -> None:

@@ -25,7 +25,7 @@ class CoveragePlan:
 
     Attributes:
         plan: the plan in local metres; ``plan.pattern`` has swaths, turns and settings.
-        path: of its file; None before saving.
+        path: path of the file; None before saving.
     """
 
     plan: CoverPlan
@@ -55,7 +55,7 @@ class CoveragePlan:
         return CoveragePlan(self.plan, target.absolute())
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw the field's perimeter and the planned path, in metres east and north, and return the axes."""
+        """Draw perimeter and planned path in metres east and north. Returns the axes."""
         from lgprjax.coverage import lay_pattern
 
         axes = axes_or_new(ax, width_in=6.0, height_in=6.0)
@@ -95,23 +95,23 @@ def plan_coverage(
     """Plan parallel swaths over a field, in driving order, with headland turns that the vehicle can drive.
 
     Args:
-        field: a polygon on WGS-84 as GeoJSON with its holes, KML, shapefile or CSV, a CSV file of three corners, or
-            the folder of a run in which three corners were marked.
-        vehicle: a skid-steer vehicle, open or its file, with tool and smallest radius.
-        overlap: least share of the tool's width in which neighbouring swaths overlap, 0 to below 1.
-        order: ``zamboni``: first, middle, second, ... with wide turns to one side; ``boustrophedon``: each swath next
-            to the last; ``racetrack``: Zamboni in blocks; ``free``: the cheapest next, round keep-outs and in reverse;
-            ``best``: the one that takes the least time.
-        turning_room_m: distance that the vehicle may go beyond the perimeter; by default as far as the turns need.
-        heading_deg: of the first swath, clockwise from true north; by default along the first side.
-        sides: ground outside of sides, such as ``("1:none", "3-5:4.5", "rest:6")``: metres that are safe, or none.
-        keep_out_buffer_m: around keep-outs for which the file states none.
-        clearance_m: between vehicle or tool and the border of declared ground.
-        speed_mps: set on straight ways.
-        confidence: that one pass is to reach everywhere: sets the overlap, and swaths beyond the border.
-        drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
-        gaps_of: a record of worked area, open or its file: plan only the ground below the level.
-        level: probability from which a cell is left out.
+        field: polygon in WGS-84 as GeoJSON with holes, KML, shapefile or CSV, CSV of three corners, or folder of a run
+            with three marked corners.
+        vehicle: skid-steer vehicle with tool and smallest radius, open or its file.
+        overlap: minimum overlap of neighbouring swaths, in tool widths, 0 to below 1.
+        order: ``zamboni`` (first, middle, second, ... swath, wide turns to one side), ``boustrophedon`` (neighbouring
+            swaths), ``racetrack`` (Zamboni in blocks), ``free`` (cheapest next swath, around keep-outs, with
+            reversing), or ``best`` (the fastest of these, as ``lgprjax cover plan``).
+        turning_room_m: width of safe ground outside the perimeter, m; default: as much as the turns need.
+        heading_deg: compass heading of the first swath, degrees from true north; default: along the first side.
+        sides: width of safe ground outside each side, m or none, such as ``("1:none", "3-5:4.5", "rest:6")``.
+        keep_out_buffer_m: distance to keep-outs without a distance in the file, m.
+        clearance_m: distance of vehicle and tool from the border of the safe ground, m.
+        speed_mps: speed on straight swaths, m/s, for the time estimate.
+        confidence: probability that one pass covers every place: sets the overlap, and adds swaths outside the border.
+        drop_out_s: with ``confidence``: longest GNSS outage, s.
+        gaps_of: record of the area worked, open or its file: plan only the cells below ``level``.
+        level: with ``gaps_of``: probability at which a cell counts as processed.
 
     Returns:
         CoveragePlan: ``save(path)`` writes it, ``plot()`` returns axes.
@@ -140,7 +140,7 @@ def plan_coverage(
         if perhaps is not None:
             require_number(name, perhaps, "a number", -np.inf, np.inf)
     if isinstance(sides, str) or not isinstance(sides, Iterable) or not all(isinstance(each, str) for each in sides):
-        raise ArgumentError("sides", 'texts such as "1:none" or "rest:6"', repr(sides)[:60])
+        raise ArgumentError("sides", 'strings such as "1:none" or "rest:6"', repr(sides)[:60])
     options = PlanOptions(
         overlap,
         order,
@@ -164,17 +164,17 @@ def plan_coverage(
             level=level,
         )
     if plan is None:
-        raise InputError(str(record), "gaps", "cells that are not worked", f"none below {100.0 * level:g} %")
+        raise InputError(str(record), "gaps", "cells below the confidence level", f"no cell below {100.0 * level:g} %")
     return CoveragePlan(plan)
 
 
 @dataclass(frozen=True, eq=False)
 class WorkedArea:
-    """What recorded runs worked of a field, cell by cell. A machine pass is not clearance.
+    """Area worked by recorded runs, cell by cell. A machine pass is not clearance.
 
     Attributes:
-        record: cells, passes, stops and channels, in metres east and north of the field's anchor.
-        path: of its file.
+        record: cells, passes, stops and channels, in metres east and north of the anchor of the field.
+        path: path of the file.
     """
 
     record: WorkedRecord
@@ -182,14 +182,14 @@ class WorkedArea:
 
     @cached_property
     def figures(self) -> "CoverFigures":
-        """Areas by level, passes, stops, hours; ``sentence`` of a layer is what may be said of it."""
+        """Areas by level, passes, stops, hours; ``sentence`` of a layer states its result."""
         from lgprjax.worked import cover_figures
 
         return cover_figures(self.record)
 
     @cached_property
     def table(self) -> "pd.DataFrame":
-        """DataFrame with one row a level of confidence: areas in square metres, and shares of the field."""
+        """DataFrame with a row per level: areas in square metres, and shares of the field."""
         import pandas as pd
 
         return pd.DataFrame([layer._asdict() for layer in self.figures.layers])
@@ -202,10 +202,10 @@ class WorkedArea:
         return f"WorkedArea of {self.record.name!r}: {layers} of {told.area_m2:.1f} m2 ({self.path.name})"
 
     def at(self, *confidence: float) -> "WorkedArea":
-        """The same cells, judged as processed at other probabilities, such as 0.99.
+        """The same cells at other levels, such as 0.99.
 
         Raises:
-            InputError: a level is not between 0.5 and 0.9999, or no number.
+            InputError: a level is not a number between 0.5 and 0.9999.
         """
         from lgprjax.worked.layers import at_levels, checked_levels
 
@@ -222,21 +222,21 @@ class WorkedArea:
         benchmark_deg: tuple[float, float] | None = None,
         force: bool = False,
     ) -> tuple[Path, ...]:
-        """Write what is handed over: the area as GIS layers, cells and turning points as CSV, a report to be signed.
+        """Write the handover files: GIS layers, cells and turning points as CSV, a report to sign.
 
         Args:
-            folder: of the files, which have the record's name; it is made.
-            organisation: responsible organisation, named in every shape and in the report.
-            benchmark_deg: latitude and longitude of a marked point that bearings and distances count from; by default
+            folder: folder for the files, which have the name of the record; created if missing.
+            organisation: responsible organisation, in every layer and in the report.
+            benchmark_deg: latitude and longitude of the surveyed reference point for bearings and distances; default:
                 the first corner.
             force: replace files that exist.
 
         Returns:
-            The files: GeoPackage, GeoJSON, KML, zipped shapefiles, the two CSV files, and the report in HTML.
+            The files: GeoPackage, GeoJSON, KML, zipped shapefiles, two CSV files, HTML report.
 
         Raises:
-            InputError: a file exists (without ``force``) or cannot be written, the benchmark is no place, or the
-                optional package pyogrio is missing.
+            InputError: a file exists (without ``force``) or cannot be written, the reference point is not a position,
+                or the optional package pyogrio is missing.
         """
         from lgprjax.report.handover import hand_over
 
@@ -251,7 +251,7 @@ class WorkedArea:
             )
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw what was processed, uncertain and not processed, in metres east and north, and return the axes."""
+        """Draw processed, uncertain and not processed cells, in metres east and north. Returns the axes."""
         from lgprjax.report.coverage import draw_coverage_on
         from lgprjax.report.handover import cover_picture
 
@@ -268,20 +268,20 @@ def record_coverage(
     cell_m: float = 0.05,
     force: bool = False,
 ) -> WorkedArea:
-    """Record what recorded runs worked of a field, cell by cell.
+    """Compute the area worked from recorded runs, cell by cell.
 
-    A cell's probability is that of its best pass: the tool was over it, by the pose and its uncertainty at the time,
-    told on, turning and at its depth. Several runs add up by the largest.
+    The probability of a cell is the maximum over all passes of all runs: the tool covered the cell, given the pose and
+    its uncertainty at that time, and was on, turning and at depth.
 
     Args:
-        plans: of the field, open or their files; the first names it, others are for its gaps.
-        runs: folders of recorded runs, each driven by one of the plans.
-        output: the record to write, ``R.worked.h5``.
-        cell_m: side of a cell, 0.01 to 1.
+        plans: plan of the field, then plans of its gaps, open or their files.
+        runs: folders of recorded runs of these plans.
+        output: record to write, ``R.worked.h5``.
+        cell_m: side length of a cell, 0.01 to 1 m.
         force: replace a file that exists.
 
     Raises:
-        InputError: a run or plan cannot be used, they do not belong together, or the output cannot be written.
+        InputError: a run or plan cannot be used, a run does not belong to the plans, or the output cannot be written.
 
     Example:
         worked = lx.record_coverage("field/field.cover.geojson", "field/run", "field.worked.h5", force=True)
@@ -298,7 +298,7 @@ def record_coverage(
         raise InputError(target, "file name", "a name that ends in .worked.h5", repr(target.name))
     require_number("cell_m", cell_m, "0.01 to 1", 0.01, 1.0)
     if target.exists() and not force:
-        raise InputError(target, "output", "a new file, or force=True", "one that exists")
+        raise InputError(target, "output", "a new file, or force=True", "an existing file")
     with told_as_arguments():
         opened = [open_cover_plan(path) for path in paths_of(plans, "plan")]
         record = record_cover(opened, [read_cover_run(path) for path in paths_of(runs, "run")], cell_m=cell_m)
@@ -307,13 +307,13 @@ def record_coverage(
 
 
 def open_worked(path: PathLike) -> WorkedArea:
-    """Open a record of worked area.
+    """Open a record of the area worked.
 
     Args:
-        path: of the record, ``R.worked.h5``.
+        path: record, ``R.worked.h5``.
 
     Raises:
-        InputError: the file is missing, damaged, or not as data_schema/worked.toml says.
+        InputError: the file is missing, damaged, or does not match data_schema/worked.toml.
 
     Example:
         worked = lx.open_worked("field.worked.h5")

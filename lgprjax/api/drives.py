@@ -24,11 +24,11 @@ class Drive:
 
     Attributes:
         path: the drive log, ``X.drive.h5``.
-        name: of the drive.
-        scans: recorded; 0 in a log without radar, such as a calibration drive.
-        channels: of the radar array.
-        length_m: of travel by odometry; reverse counts as travel.
-        duration_s: from the first record to the last.
+        name: name of the drive.
+        scans: number of scans; 0 in a log without radar, such as a calibration drive.
+        channels: number of channels of the radar array.
+        length_m: distance travelled by odometry, forward and reverse, m.
+        duration_s: time from the first record to the last, s.
         t0_utc: ISO 8601 origin of the log's ``time_s``.
     """
 
@@ -50,10 +50,10 @@ class Drive:
         For a stepped-frequency radar these are the calibrated sweeps, real parts before imaginary parts.
 
         Args:
-            scans: to read; a negative step reads backwards.
+            scans: scans to read; a negative step reads backward.
 
         Raises:
-            InputError: the log holds no radar recording or is damaged, or ``scans`` is no slice.
+            InputError: the log has no radar recording or is damaged, or ``scans`` is not a slice.
         """
         from lgprjax.batch import recording_of
 
@@ -83,7 +83,7 @@ def open_drive(path: PathLike) -> Drive:
     """Open a drive log and check everything but the radar data.
 
     Args:
-        path: of a drive log, ``X.drive.h5``. ``lgprjax import`` converts any supported recording.
+        path: drive log, ``X.drive.h5``. ``lgprjax import`` converts supported recordings.
 
     Raises:
         InputError: the file is missing, damaged, or does not match data_schema/drive.toml.
@@ -127,18 +127,16 @@ def simulate(
 ) -> dict[str, Drive]:
     """Generate the drives of a site: synthetic ground with stones and layers, recorded by a radar array.
 
-    The true pose of every scan is stored in the log, so that fixes can be evaluated. The same site gives the same
-    drives.
+    The log stores the true pose of every scan. The same site gives the same drives.
 
     Args:
-        site: a site file (docs/scene.md lists its keys), a file of calibration drives such as tuning/drives.toml, or
-            the name of an example site, as in sites/ and for ``lgprjax simulate``. ``"village"`` is a road of 70 m with
-            two survey-grade baselines (``baseline_left``, ``baseline_right``), a drive on another day whose GNSS is
-            wrong by a metre (``live``), and the same drive over foreign ground, of which no scan may be located
-            (``impostor``).
-        folder: for ``NAME.drive.h5``, one for each drive; created if missing.
-        only: name, or names, of the drives to generate; by default all.
-        force: replace files that exist.
+        site: site file (docs/scene.md lists its keys), file of calibration drives such as tuning/drives.toml, or name
+            of an example site. ``"village"`` is a road of 70 m with two baselines with survey-grade positions
+            (``baseline_left``, ``baseline_right``), a drive on another day with a GNSS error of 1 m (``live``), and the
+            same drive over other ground, of which no scan may be located (``impostor``).
+        folder: folder for ``NAME.drive.h5`` of each drive; created if missing.
+        only: name or names of the drives to generate; default: all.
+        force: replace existing files.
 
     Returns:
         The drives by name.

@@ -24,8 +24,8 @@ class Checked:
     """Result of checking a file.
 
     Attributes:
-        path: of the file.
-        findings: every mismatch with the schema, with file, place, expected, found and severity.
+        path: path of the file.
+        findings: schema violations, with file, place, expected, found and severity.
         health: recording quality of a drive log; None if not requested.
     """
 
@@ -35,12 +35,12 @@ class Checked:
 
     @property
     def ok(self) -> bool:
-        """Whether the file is usable: no finding worse than a warning."""
+        """Whether the file is usable: no finding is an error."""
         return not any(finding.severity == "error" for finding in self.findings)
 
     @cached_property
     def table(self) -> "pd.DataFrame":
-        """DataFrame of the findings, or of the health's figures with their limits and verdicts."""
+        """DataFrame of the findings, or with ``health`` of the quality figures with limits and verdicts."""
         import pandas as pd
 
         if self.health is None:
@@ -55,13 +55,13 @@ class Checked:
 
 
 def check(file: PathLike, *, health: bool = False) -> Checked:
-    """Validate a file against its schema; every problem is a finding.
+    """Validate a file against its schema; list every violation.
 
     Args:
-        file: a drive log, map, fixes, route, vehicle, coverage plan or record of worked area, or what was opened from
-            one.
-        health: also measure the recording quality of a drive log: radar, clock, odometry, GNSS; of one without radar
-            the last two.
+        file: drive log, map, fixes, route, vehicle file, coverage plan or record of the area worked, or an object
+            opened from one.
+        health: also measure the recording quality of a drive log: radar, clock, odometry, GNSS; without radar only the
+            last two.
 
     Raises:
         InputError: the file's format is unknown, or ``health`` was requested for a file that is not a drive log.
@@ -96,20 +96,20 @@ def view(
 ) -> "Axes":
     """Draw a recording as a radargram, or a map as a time slice, and return the axes.
 
-    A radargram has travel time and depth down, and distance along the bottom. It is dewowed, background removed, with a
-    depth gain. A time slice is the RMS amplitude of the map seen from above.
+    A radargram shows travel time and depth downward over distance, dewowed, background removed, with a depth gain. A
+    time slice shows the RMS amplitude of the map from above.
 
     Args:
-        file: a file of an instrument (.dt1, .dzt, .rd3, .rd7, .iprb, .sgy), a drive log, a map, or an open drive or
-            map.
-        channel: of a recording, from 0; by default the middle one.
+        file: vendor file (.dt1, .dzt, .rd3, .rd7, .iprb, .sgy), drive log or map, or an open drive or map.
+        channel: channel of a recording, from 0; default: the middle one.
         raw: amplitudes as recorded, without processing or gain.
-        velocity_m_per_ns: of the wave, for depths; by default 0.1.
-        travel_time_ns: two-way, of the middle of a map's time slice; by default the second of five, from the top.
-        ax: axes to draw on; by default those of a new figure.
+        velocity_m_per_ns: wave velocity for the depth axis, m/ns; default: 0.1.
+        travel_time_ns: two-way travel time of the middle of the time slice, ns; default: the second of five slices from
+            the top.
+        ax: axes to draw on; default: axes of a new figure.
 
     Raises:
-        InputError: the file cannot be read, has no such channel, the velocity is impossible, or the map holds nothing
+        InputError: the file cannot be read, has no such channel, the velocity is out of range, or the map has no data
             at that travel time.
 
     Example:
@@ -130,12 +130,12 @@ def view(
         with told_as_arguments():
             check_speed(velocity_m_per_ns)
             if raw or channel is not None:
-                raise InputError(path, "raw, channel", "a recording, to which these apply", "a map")
+                raise InputError(path, "raw, channel", "a recording (a map has no such options)", "a map")
             speed = WAVE_SPEED_M_PER_NS if velocity_m_per_ns is None else velocity_m_per_ns
             return _draw_slice(path, travel_time_ns, speed, axes_or_new(ax))
     if travel_time_ns is not None:
         with told_as_arguments():
-            raise InputError(path, "travel_time_ns", "a map, to which it applies", repr(path.name))
+            raise InputError(path, "travel_time_ns", "a map (only its time slices have a travel time)", repr(path.name))
     line = line_view(path, channel, raw=raw, velocity_m_per_ns=velocity_m_per_ns)
     middle = len(line.radargrams) // 2
     radargram = line.radargrams[middle]
@@ -161,7 +161,7 @@ def line_view(path: Path, channel: int | None, *, raw: bool, velocity_m_per_ns: 
         check_speed(velocity_m_per_ns)
         name = path.name.lower()
         if name.endswith(MAP):
-            raise InputError(path, "file", "a recording", "a map, of which view() draws a time slice")
+            raise InputError(path, "file", "a recording", "a map (use view() for a time slice)")
         if name.endswith(DRIVE):
             if channel is None:
                 with DriveLog.open(path) as log:

@@ -28,15 +28,15 @@ _LEAST_COLOUR_M = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Fixes:
-    """The fixes of a drive on a map, one for each scan.
+    """Fixes of a drive on a map, one per scan.
 
     Attributes:
         name: of the drive.
         map_name: of the map.
-        table: DataFrame with the columns of ``X.fixes.csv``, one row a scan (data_schema/fixes.toml).
-        fix: the same as arrays, one row a scan; poses in metres east and north of the map's origin.
-        truth: true poses [scan, 5] in the same frame, NaN where unknown; None where the log holds none.
-        result: what pictures are drawn from: priors, distance driven and sigmas, scan by scan.
+        table: DataFrame with the columns of ``X.fixes.csv``, a row per scan (data_schema/fixes.toml).
+        fix: the same as arrays [scan, ...]; poses in metres east and north of the map origin.
+        truth: true poses [scan, 5] in the same frame, NaN if unknown; None if the log has none.
+        result: data for pictures: priors, distance and sigmas per scan.
     """
 
     name: str
@@ -58,20 +58,20 @@ class Fixes:
 
     @property
     def ok(self) -> Bool[np.ndarray, " scan"]:
-        """Scans with a position; other fixes are not positions."""
+        """Boolean mask of the scans with an accepted fix."""
         return np.asarray(self.table["code"].to_numpy() == "ok")
 
     @cached_property
     def summary(self) -> "DriveSummary":
-        """Counts by code, and errors where the truth is known."""
+        """Counts by code, and errors if the truth is known."""
         from lgprjax.report import summarise
 
         return summarise(self.result)
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw baselines, prior, truth and fixes from above, the fixes coloured by their cross-track error.
+        """Draw baselines, prior, truth and fixes from above, fixes coloured by cross-track error.
 
-        Without truth the colour is the difference from the prior. Returns the axes.
+        Without truth the colour shows the difference from the prior. Returns the axes.
         """
         from lgprjax.report import track_errors
         from lgprjax.report.drive import draw_plan, plan_frame, reference_track
@@ -92,15 +92,15 @@ class Fixes:
         """Write ``NAME.fixes.csv`` and ``NAME.fixes.h5`` to a folder, created if missing; both appear, or neither.
 
         Args:
-            folder: of the files.
-            force: replace files that exist.
+            folder: folder for the files.
+            force: replace existing files.
 
         Returns:
             The CSV file.
 
         Raises:
-            InputError: a file exists (without ``force``) or cannot be written, or the map or the drive log is no longer
-                the file that the fixes were made from.
+            InputError: a file exists (without ``force``) or cannot be written, or map or drive log changed since the
+                registration.
         """
         from lgprjax.batch import write_registered
 
@@ -110,7 +110,7 @@ class Fixes:
             # What is written names both files and takes the map's anchor: another file's would be untrue.
             for path, then in zip((map_path, log_path), sha256, strict=True):
                 if file_hash(path) != then:
-                    raise InputError(path, "file", "the file that the fixes were made from", "one written since")
+                    raise InputError(path, "file", "the same file as at registration", "a changed file")
             target.mkdir(parents=True, exist_ok=True)
             with using_map(map_path) as site, DriveLog.open(log_path) as log:
                 write_registered(drive, site.source, log, options, target, force, sha256)
@@ -118,13 +118,13 @@ class Fixes:
 
 
 def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None = None) -> Fixes:
-    """Locate every scan of a drive on a map.
+    """Locate every scan of a drive on a map (registration).
 
-    The defaults need no tuning to the ground: the scan alone is matched, or the last 1, 2, 4 or 8 m of travel,
-    the shortest of these that keeps the probability of a false match within the risk.
+    By default the function matches the single scan or the last 1, 2, 4 or 8 m of travel, whichever is shortest and
+        keeps the probability of a false match within the risk.
 
     Args:
-        site: a map, open or its path. With an open one the ground is cached for the next drive.
+        site: open map, or its path. An open map caches the ground for the next drive.
         drive: a drive log or an open drive.
         options: of the search.
 
@@ -132,7 +132,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
         Fixes: ``table`` is a DataFrame, ``plot()`` returns axes, ``save(folder)`` writes the files of the command line.
 
     Raises:
-        InputError: a file or an option cannot be used, or the drive's navigation does not span its scans.
+        InputError: a file or an option cannot be used, or the navigation of the drive does not cover its scans.
 
     Example:
         site = lx.open_map("site.map.h5")
@@ -180,12 +180,12 @@ def check_options(options: RegisterOptions, site: Map) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ManyFixes(Mapping[str, pd.DataFrame]):
-    """Drives registered on a map, with their results in a folder: a mapping from drive to its table of fixes.
+    """Drives registered on a map, with results in a folder: a mapping from drive name to table of fixes.
 
     Attributes:
-        folder: of ``NAME.fixes.csv``, ``NAME.fixes.h5``, ``archive.csv`` and the page ``archive.html``.
-        table: DataFrame with one row a drive: scans by code, errors where the truth is known, what it cost.
-        failed: why a drive could not be registered now, by its name; its result of an earlier run is kept.
+        folder: folder with ``NAME.fixes.csv``, ``NAME.fixes.h5``, ``archive.csv`` and the page ``archive.html``.
+        table: DataFrame with a row per drive: scans by code, errors if the truth is known, computing time.
+        failed: error messages by drive name; results of earlier runs are kept.
     """
 
     folder: Path
@@ -221,24 +221,23 @@ def register_many(
     scheduler: str | None = None,
     force: bool = False,
 ) -> ManyFixes:
-    """Register very many drives by worker processes into one folder; what is there already is not done again.
+    """Register many drives by worker processes into one folder; existing results are kept.
 
     Args:
         site: a map, open or its path.
-        drives: drive logs or open drives, of different names.
-        folder: of the results; it is made.
+        drives: drive logs or open drives with different names.
+        folder: folder for the results; created if missing.
         options: of the search.
-        workers: processes of this machine; by default 1.
-        threads: of each process, by default an equal share of the cores. With equal threads the fixes are the same to
-            the bit.
-        scheduler: address of a dask scheduler, ``tcp://HOST:8786``, in place of workers of this machine.
-        force: register all drives anew, and replace results of another map.
+        workers: number of processes on this machine; default: 1.
+        threads: threads per process; default: an equal share of the cores. The same number gives bit-identical fixes.
+        scheduler: address of a dask scheduler, ``tcp://HOST:8786``, instead of processes on this machine.
+        force: register all drives again, and replace results of another map.
 
     Returns:
-        Tables of fixes by drive. A drive that cannot be registered is among ``failed``; the others are not disturbed.
+        Tables of fixes by drive. ``failed`` lists drives that cannot be registered; the other drives are not affected.
 
     Raises:
-        InputError: the map, the folder or an option cannot be used, or two drives have one name.
+        InputError: map, folder or option cannot be used, or two drives have the same name.
 
     Example:
         many = lx.register_many("site.map.h5", ["drives/live.drive.h5", "drives/impostor.drive.h5"], "out/", workers=2)

@@ -39,7 +39,7 @@ def path_of(given: PathLike, what: str) -> Path:
         return Path(given)
     path = getattr(given, "path", given)
     if path is None:
-        raise InputError(what, "path", "an object with a file; save it first", repr(given))
+        raise InputError(what, "path", "an object saved to a file (save it first)", repr(given))
     if not isinstance(path, Path):
         raise InputError("call", what, f"a path or an open {what}", f"{type(given).__name__} {given!r}"[:80])
     return path
@@ -102,7 +102,7 @@ def told_as_arguments() -> Iterator[None]:
     except OSError as error:
         if error.filename is None or error.errno is None:
             raise
-        expected, found = "a folder or file that can be used", os.strerror(error.errno).lower()
+        expected, found = "an accessible file or folder", os.strerror(error.errno).lower()
         raise InputError(error.filename, "file", expected, found) from error
 
 
@@ -118,7 +118,7 @@ def axes_or_new(ax: "Axes | None", *, width_in: float = 9.0, height_in: float = 
 
     if ax is not None:
         if not isinstance(ax, Axes):
-            raise ArgumentError("ax", "axes of matplotlib", repr(ax)[:60])
+            raise ArgumentError("ax", "matplotlib axes", repr(ax)[:60])
         return ax
 
     _, made = pyplot.subplots(figsize=(width_in, height_in), layout="constrained")

@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
 
 class Map:
-    """A subsurface database, open for reading; a context manager that closes it.
+    """A map (subsurface database), open for reading; a context manager that closes it.
 
-    Gridded ground is kept from call to call, so that registering a second drive on an open map is quicker.
+    An open map caches gridded ground between calls; the second registration is faster.
 
     Attributes:
-        path: the file, ``M.map.h5``.
-        name: of the map.
-        stations: places along the baselines at which traces are stored.
-        baselines: drives that it was built from.
-        channels: of the radar array.
-        length_m: of all baselines together.
-        settings: of the processing of baselines and live scans.
-        frame: the local frame; poses are in metres east and north of its origin.
+        path: map file, ``M.map.h5``.
+        name: name of the map.
+        stations: number of positions with stored traces along the baselines.
+        baselines: number of drives in the map.
+        channels: number of channels of the radar array.
+        length_m: total length of the baselines, m.
+        settings: processing of baselines and live scans.
+        frame: local frame; poses are in metres east and north of its origin.
     """
 
     def __init__(self, source: MapFile) -> None:
@@ -71,7 +71,7 @@ class Map:
         self.close()
 
     def close(self) -> None:
-        """Close the file; the attributes stay."""
+        """Close the file; the attributes remain."""
         self.held, self._closed = None, True
         self._source.close()
 
@@ -79,12 +79,12 @@ class Map:
     def source(self) -> MapFile:
         """The file that the map was opened from. Raises ``InputError`` once it is closed."""
         if self._closed:
-            raise InputError(self.path, "file", "an open map", "closed: open it again")
+            raise InputError(self.path, "file", "an open map", "a closed map: open it again")
         return self._source
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the file in hexadecimal, read once; what is made from the map names it.
+        """SHA-256 of the map file in hexadecimal; files made from the map contain it.
 
         Raises:
             InputError: the file was removed or replaced since it was opened.
@@ -93,7 +93,7 @@ class Map:
             found = file_hash(self.path)
         # The open file stays what it was when another takes its name; that other one is not what fixes are made from.
         if self._stamp() != self._opened_as:
-            raise InputError(self.path, "file", "the file that was opened", "one written since: open it again")
+            raise InputError(self.path, "file", "the map file as opened", "a changed file: open it again")
         return found
 
     def _stamp(self) -> tuple[int, int]:
@@ -108,29 +108,29 @@ class Map:
         options: "RegisterOptions | None" = None,
         window_m: float = 0.0,
     ) -> "Batch":
-        """Scans of a drive, their priors and the ground beneath them, as arrays on the device, for ``match``.
+        """Arrays on the device for ``match``: scans of a drive, their priors and the ground around them.
 
-        All scans of a batch are on one tile, so that they must be within 60 m of each other.
+        All scans of a batch are on one tile and within 60 m of each other.
 
         Args:
-            drive: a drive log or an open drive.
-            scans: of the drive.
-            options: of the search; their ``window_m`` and ``swarm`` are not looked at.
-            window_m: length of the window that ends with each scan; 0 for the scan alone.
+            drive: drive log or open drive.
+            scans: scans of the drive.
+            options: search options; ``window_m`` and ``swarm`` are ignored.
+            window_m: length of the window of travel that ends with each scan, m; 0 for single scans.
 
         Raises:
-            InputError: no scans, scans too far apart, or a place off the map.
+            InputError: no scans, scans too far apart, or scans off the map.
         """
         from lgprjax.api.matching import batch_of
 
         return batch_of(self, path_of(drive, "drive"), scans, options=options, window_m=window_m)
 
     def refine(self, output: PathLike, *, force: bool = False) -> "ChangedMap":
-        """Make the baselines agree: each is registered on the others, its labels follow, a new map is written.
+        """Align the baselines: register each on the others, correct its position labels, write a new map.
 
         Args:
-            output: the database to write.
-            force: replace a file that exists.
+            output: map to write.
+            force: replace an existing file.
 
         Raises:
             InputError: the output exists (without ``force``) or cannot be written, or the map is damaged.
@@ -151,18 +151,18 @@ class Map:
         return ChangedMap(open_map(file), table, tuple(agreement_in_words(agreed, files)))
 
     def update(self, drives: PathLike | Iterable[PathLike], output: PathLike, *, force: bool = False) -> "ChangedMap":
-        """Add drives as baselines, weigh all baselines, and retire ground that two newer drives find changed.
+        """Add drives as baselines, weight all baselines, and retire ground that two newer drives find changed.
 
-        The drives are taken oldest first.
+        Drives are added oldest first.
 
         Args:
-            drives: drive logs or open drives over the map's ground.
-            output: the database to write.
-            force: replace a file that exists.
+            drives: drive logs or open drives over the map.
+            output: map to write.
+            force: replace an existing file.
 
         Raises:
-            InputError: a drive that does not fit or lies elsewhere, or an output that exists (without ``force``) or
-                cannot be written.
+            InputError: a drive does not fit or is outside the map, or the output exists (without ``force``) or cannot
+                be written.
         """
         import pandas as pd
 
@@ -196,12 +196,12 @@ class Map:
 
 @dataclass(frozen=True, eq=False)
 class ChangedMap:
-    """A map that was made of another one, and what was done to it.
+    """A new map made from another map, with the changes.
 
     Attributes:
-        map: the new one, open.
-        table: DataFrame of what was moved, in metres: one row a baseline of ``refine``, one a drive of ``update``.
-        notes: the whole in words, a line each.
+        map: the new map, open.
+        table: DataFrame of the corrections in metres, a row per baseline (``refine``) or per drive (``update``).
+        notes: the changes in words.
     """
 
     map: Map
@@ -213,10 +213,10 @@ class ChangedMap:
 
 
 def open_map(path: PathLike) -> Map:
-    """Open a subsurface database.
+    """Open a map (subsurface database).
 
     Args:
-        path: of the database, ``M.map.h5``.
+        path: map file, ``M.map.h5``.
 
     Raises:
         InputError: the file is missing, damaged, or does not match data_schema/map.toml.
@@ -238,23 +238,23 @@ def build_map(
     precision: Literal["full", "standard", "small"] = "standard",
     force: bool = False,
 ) -> Map:
-    """Build a subsurface database from drives over the same ground.
+    """Build a map (subsurface database) from drives over the same ground.
 
     Args:
-        drives: drive logs or open drives, the baselines. The first defines the map's origin and processing.
-        output: the database to write, ``M.map.h5``.
-        centre_frequency_mhz: of the antennas, if missing in the first log.
-        travel_time_ns: largest two-way travel time of profiles; by default traces extend to the end of the recording
-            and sweeps to fifteen periods.
-        precision: of the stored traces: ``full`` as 16-bit samples, ``standard`` in about two bits per number,
-            ``small`` in fewer.
-        force: replace a file that exists.
+        drives: drive logs or open drives, the baselines. The first defines origin and processing of the map.
+        output: map to write, ``M.map.h5``.
+        centre_frequency_mhz: centre frequency of the antennas, MHz, if the first log does not contain it.
+        travel_time_ns: maximum two-way travel time of the profiles, ns; default: the end of the recording, for sweeps
+            15 periods.
+        precision: precision of the stored traces: ``full`` (16-bit samples), ``standard`` (about two bits per value),
+            ``small`` (fewer bits).
+        force: replace an existing file.
 
     Returns:
         The map, open.
 
     Raises:
-        InputError: an unusable log, drives that do not fit together, or an output that is one of them or cannot be
+        InputError: a log cannot be used, the drives do not fit together, or the output is one of them or cannot be
             written.
 
     Example:

@@ -55,20 +55,20 @@ class Shape:
 
 
 class Batch(NamedTuple):
-    """Scans to match on one tile, made by ``Map.batch``; a pytree whose leaves are arrays on the device.
+    """Scans to match on one tile, made by ``Map.batch``; a pytree of arrays on the device.
 
     Attributes:
-        tile: the ground, gridded in the tile's frame: x along the road, y to its left.
-        scans: coefficients of the traces of every scan, and their offsets from the array's centre.
-        prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad in the tile's frame.
-        half_width: of the search region around the prior, in the same order.
-        finite: scans with enough finite traces to be tried.
+        tile: ground gridded in the tile frame, x along the road, y to the left.
+        scans: trace coefficients of every scan, and offsets from the array centre.
+        prior: prior poses in the tile frame: along_m, cross_m, height_m above ground, yaw_rad, roll_rad.
+        half_width: half widths of the search region around the prior, same order.
+        finite: whether a scan has enough finite traces.
         rules: acceptance thresholds.
-        height_reference_m: antenna height that the tile was reduced to.
-        angular_frequency_rad_per_ns: of the coefficients.
-        tile_frame: east_m, north_m and yaw_rad of the tile's frame in the map's.
-        window_m: length of the matched window.
-        shape: sizes of the search.
+        height_reference_m: antenna height of the tile, m.
+        angular_frequency_rad_per_ns: angular frequencies of the coefficients, rad/ns.
+        tile_frame: east_m, north_m and yaw_rad of the tile frame in the map frame.
+        window_m: length of the matched window, m.
+        shape: static sizes of the search.
     """
 
     tile: Tile
@@ -90,20 +90,20 @@ class Batch(NamedTuple):
 
 
 def match(batch: Batch) -> Fix:
-    """Locate the scans of a batch on their tile: a pure function of arrays, for jit, vmap and grad.
+    """Match the scans of a batch to their tile: a pure function of arrays, for jit, vmap and grad.
 
-    Every cell of the search region is scored by normalised correlation, the best candidate is refined to its peak, and
-    the fix is judged against the noise floor and the best rival. Each scan is matched independently. ``register`` does
-    more with a whole drive: it chooses the length of the window, estimates the time scale, and propagates a place from
-    scan to scan, so that it locates scans which this function declines.
+    It scores every cell of the search region by normalised correlation, refines the best candidate to its peak, and
+    accepts or rejects the fix by noise floor and runner-up. Scans are independent. ``register`` also selects the window
+    length, estimates the time scale and propagates the position from scan to scan, and therefore locates scans that
+    this function rejects.
 
     Args:
-        batch: from ``Map.batch``. Leaves may carry a further leading axis under ``vmap``.
+        batch: batch from ``Map.batch``. Leaves may have a further leading axis under ``vmap``.
 
     Returns:
-        Fixes of the scans. Poses and covariances are in the map's frame, in float32: a map of ten kilometres still
-        resolves a millimetre. Problems of a scan are given by its code and do not affect its neighbours. Correlations
-        and poses have gradients at the peak, those of poses by Gauss-Newton curvature; the other fields have none.
+        Fixes of the scans. Poses and covariances are in the map frame, in float32: 1 mm resolution on a map of 10 km. A
+        code reports a scan that cannot be matched; other scans are not affected. Correlation and pose have gradients at
+        the peak, the pose by Gauss-Newton curvature; the other fields have none.
 
     Example:
         import jax
@@ -245,7 +245,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
             track = reversed_track(track)
         chosen = np.arange(log.scans)[scans]
         if not len(chosen):
-            raise InputError(path, "scans", f"a slice that holds some of 0 to {log.scans - 1}", str(scans))
+            raise InputError(path, "scans", f"a slice with scans from 0 to {log.scans - 1}", str(scans))
         half_m = options.search_half_m(track.sigma_m[chosen])
         ground, number = _ground_about(site, track.pose[chosen, :2], half_m + window_m, path)
         operators = live_operators(source, log, track, alignment)
@@ -296,7 +296,7 @@ def _ground_about(
     ground = GroundMap(site.source, half_along_m=half_m, half_cross_m=half_m)
     number = ground.tile_near(middle, room_m)
     if number is None:
-        raise InputError(path, "scans", f"scans that the map {site.name} reaches", "scans away from it")
+        raise InputError(path, "scans", f"scans over the map {site.name}", "scans outside the map")
     return ground, number
 
 

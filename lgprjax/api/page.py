@@ -1,4 +1,4 @@
-"""docs/api.md, made from the docstrings and signatures of the public names: ``python -m lgprjax.api.page``."""
+"""Reference of the public names for the site, from docstrings and signatures: ``python -m lgprjax.api.page``."""
 
 import inspect
 import re
@@ -12,19 +12,19 @@ import lgprjax
 
 _SECTION = re.compile(r"(Args|Attributes|Returns|Raises|Example):")
 _ENTRY = re.compile(r"(?P<name>\w[\w, ]*): (?P<text>.*)", re.DOTALL)
-_HEAD = """# Python interface
+_HEAD = """# Public Python names
 
-Generated from the docstrings of the public names by `python -m lgprjax.api.page`; the examples are run by
-`tests/test_public.py`, in a folder with the drives of `lx.simulate("village", "drives/")`, their map `site.map.h5`, a
-recorded run in `field/`, and the files that they name from `onboard/` and `tuning/`.
+[Python interface](../api.md) has a short session and a table of these names. The tests run every example in a folder
+with the drives of `lx.simulate("village", "drives/")`, their map `site.map.h5`, a recorded run in `field/`, and the
+files of `onboard/` and `tuning/`.
 
 ```python
 import lgprjax as lx
 ```
 
-Every file argument accepts a path, as a string or a `Path`, or the object opened from it. Bad input raises
-`lgprjax.errors.InputError`, a `ValueError` that gives file, place, expected and found. Functions that draw return
-matplotlib axes, and draw on existing axes given as `ax`.
+Every file argument accepts a path, as a string or a `Path`, or an object opened from the file. Bad input raises
+`lgprjax.errors.InputError`, a `ValueError` with file, place, expected and found. Functions that draw return matplotlib
+axes; the argument `ax` sets the axes to draw on.
 """
 _EXAMPLES = {
     "RegisterOptions": (
@@ -45,7 +45,7 @@ start = jax.random.uniform(keys[0], (32, 2), minval=-1.0, maxval=1.0)
 config = lx.SwarmConfig(particles=32, iterations=40)
 
 
-def highest(key, height):              # of a hill about (0.25, 0.25)
+def highest(key, height):              # maximum of a hill around (0.25, 0.25)
     def hill(places):
         return height * jnp.exp(-jnp.sum((places - 0.25) ** 2, axis=1))
 
@@ -58,18 +58,18 @@ many = jax.vmap(highest, in_axes=(0, None))(jax.random.split(keys[1], 8), 2.0)
 slope = jax.grad(lambda height: highest(keys[1], height).score)(2.0)""",
     "SwarmConfig": (
         "options = lx.RegisterOptions(swarm=lx.SwarmConfig(particles=24, iterations=16))\n"
-        "print(options.swarm)                   # register(..., options=options) ends by swarms of this size"
+        "print(options.swarm)                   # swarm of register(..., options=options)"
     ),
     "Code": 'assert lx.Code.OK == 0\nassert lx.Code(3).label == "edge"',
 }
-"""Examples of names whose own docstrings have none: they belong to a room that knows no files."""
+"""Examples of names without an example in their docstrings; their packages do not read files."""
 
 
 def api_page() -> str:
     """The page as Markdown."""
     parts = [_HEAD]
     described = set[type]()
-    # All are loaded before the first is described: it may return a class of another's module.
+    # All names are loaded first: a function may return a class of another module.
     for name, public in [(name, getattr(lgprjax, name)) for name in lgprjax.__all__]:
         parts += [f"## {name}\n", _code(_signature(name, public)), _body(inspect.getdoc(public) or "")]
         if isinstance(public, type) and issubclass(public, Enum):
@@ -87,6 +87,13 @@ def api_page() -> str:
     return "\n".join(part.rstrip("\n") + "\n" for part in parts)
 
 
+def summaries() -> Iterator[tuple[str, str]]:
+    """Each public name with the first sentence of its docstring."""
+    for name in lgprjax.__all__:
+        first = _plain((inspect.getdoc(getattr(lgprjax, name)) or "").split("\n\n")[0])
+        yield name, re.split(r"(?<=\.)\s", _joined(first))[0]
+
+
 def examples() -> Iterator[tuple[str, str]]:
     """Each public name with its example."""
     for name in lgprjax.__all__:
@@ -96,7 +103,7 @@ def examples() -> Iterator[tuple[str, str]]:
 
 
 def _given(public: object) -> list[type]:
-    """The class of this package that a function returns, unless it is a public name itself."""
+    """The class of this package that a function returns, unless the class is a public name."""
     annotation = inspect.signature(public).return_annotation  # type: ignore[arg-type]
     if isinstance(annotation, str):
         annotation = next((found for each in _api() if (found := getattr(each, annotation, None))), None)
@@ -106,7 +113,7 @@ def _given(public: object) -> list[type]:
 
 
 def _api() -> list[ModuleType]:
-    """Modules of the public interface; each is loaded once a name of it was."""
+    """Loaded modules of the public interface."""
     return [module for name, module in sorted(sys.modules.items()) if name.startswith("lgprjax.api.")]
 
 
@@ -131,7 +138,7 @@ def _signature(name: str, public: object) -> str:
 
 
 def _members(public: type) -> list[str]:
-    """Public methods and properties that the class itself defines."""
+    """Public methods and properties of the class, without inherited ones."""
     parts = []
     for name, member in vars(public).items():
         plain = getattr(member, "fget", None) or getattr(member, "func", None) or member
@@ -143,7 +150,7 @@ def _members(public: type) -> list[str]:
 
 
 def _sections(doc: str) -> Iterator[tuple[str, str]]:
-    """Title and text of each section of a docstring; the first has no title."""
+    """Title and text of each section of a docstring; the first section has no title."""
     title, held = "", list[str]()
     for line in doc.splitlines():
         begun = _SECTION.fullmatch(line)
@@ -170,7 +177,7 @@ def _body(doc: str) -> str:
 
 
 def _entries(text: str) -> Iterator[str]:
-    """Entries ``name: what it is`` of a section, lines that go on joined."""
+    """Entries ``name: text`` of a section, each in one line."""
     for block in re.split(r"\n(?=\S)", text):
         told = _ENTRY.fullmatch(_joined(block))
         if told is None:

@@ -63,8 +63,8 @@ class Course:
 
     Attributes:
         path: table over arc length.
-        offset_m: of the vehicle's anchor from the path at the start, positive to the left.
-        kind: as requested.
+        offset_m: initial offset of the anchor from the path, positive to the left, m.
+        kind: kind of the course.
     """
 
     path: Path
@@ -81,7 +81,7 @@ class Course:
         return f"Course {self.kind!r}: {float(self.path.length_m):.1f} m{beside}"
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw the path from above, each of a batch, and return the axes."""
+        """Draw the path, or every path of a batch, from above. Returns the axes."""
         axes = axes_or_new(ax)
         rows = np.asarray(self.path.rows)
         for path in rows.reshape(-1, *rows.shape[-2:]):
@@ -105,17 +105,17 @@ def course(
     """A course for a vehicle to follow.
 
     Args:
-        kind: ``line``, a straight line; ``offset``, the same with an initial offset of the vehicle; ``arc``, of one
-            radius, which a turn of 360° closes; ``curve``, straight, clothoid, arc, clothoid, straight; ``eight``, a
-            closed lemniscate. Or points [point, 2] in metres, through which the path is laid.
-        metres: ``offset``: initial offset of the vehicle to the left of the line; by default 3.
-        length_m: ``line`` and ``offset``; by default 100.
-        radius_m: ``arc``, ``curve`` and, as the least radius, ``eight``; by default 25.
-        turn_deg: ``arc`` and ``curve``: of the whole turn; by default 90.
-        hand: ``arc`` and ``curve``: to which side; by default left.
+        kind: ``line`` (straight), ``offset`` (straight, with an initial offset of the vehicle), ``arc`` (constant
+            radius; 360° gives a circle), ``curve`` (straight, clothoid, arc, clothoid, straight) or ``eight`` (closed
+            lemniscate); or points [point, 2] of the path, m.
+        metres: ``offset``: initial offset of the vehicle to the left of the line, m; default: 3.
+        length_m: ``line`` and ``offset``: length, m; default: 100.
+        radius_m: ``arc``, ``curve``: radius, ``eight``: minimum radius, m; default: 25.
+        turn_deg: ``arc`` and ``curve``: total turn; default: 90.
+        hand: ``arc`` and ``curve``: direction of the turn; default: left.
 
     Raises:
-        InputError: an unknown kind, an argument that the kind does not take, or an invalid length.
+        InputError: unknown kind, an argument of another kind, or an invalid length.
 
     Example:
         print(lx.course("offset", metres=3.0))   # Course 'offset': 100.0 m, begun 3 m to the left
@@ -130,7 +130,7 @@ def course(
     for name, value in given.items():
         if value is not None and name not in takes:
             raise InputError(
-                "course", name, f"no such argument of {named!r}, which takes {', '.join(takes) or 'none'}", repr(value)
+                "course", name, f"an argument of the course {named!r}: {', '.join(takes) or 'none'}", repr(value)
             )
     told = {name: _USUAL[name] if given[name] is None else given[name] for name in takes}
     for name in takes:
@@ -152,7 +152,7 @@ def _path(kind: Kind | Float[np.ndarray, "point 2"], told: dict[str, object]) ->
         except (TypeError, ValueError):
             raise InputError("course", "points", "an array [point, 2] of numbers", repr(kind)[:60]) from None
         if points.ndim != 2 or points.shape[1] != 2 or not len(points):
-            raise InputError("course", "points", "an array [point, 2]", f"one of shape {points.shape}")
+            raise InputError("course", "points", "an array [point, 2]", f"shape {points.shape}")
         _require_length("points", float(np.sum(np.hypot(*np.diff(points, axis=0).T))))
         return path_from_points(points)
     if kind == "eight":
@@ -171,15 +171,15 @@ def _path(kind: Kind | Float[np.ndarray, "point 2"], told: dict[str, object]) ->
 
 def _require_length(name: str, length_m: float) -> None:
     if length_m > _LONGEST_M:
-        raise InputError("course", name, f"a course of at most {_LONGEST_M:g} m", f"one of {length_m:g} m")
+        raise InputError("course", name, f"a course of at most {_LONGEST_M:g} m", f"{length_m:g} m")
 
 
 class Rollout(NamedTuple):
     """A simulated drive; a pytree.
 
     Attributes:
-        trace: pose, wheel angles and distance from the path, step by step.
-        metrics: RMS and largest distance from the path, settling, effort.
+        trace: pose, wheel angles and cross-track error per step.
+        metrics: RMS and max cross-track error, settling, effort.
     """
 
     trace: RolloutTrace
@@ -193,7 +193,7 @@ class Rollout(NamedTuple):
         return f"Rollout: {len(self.trace.x_m)} steps, off the path by {rms_m:.3f} m RMS, {most_m:.3f} m at most"
 
     def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Draw the distance from the path over the arc length, a line for each vehicle, and return the axes."""
+        """Draw the cross-track error over the arc length, a line per vehicle. Returns the axes."""
         axes = axes_or_new(ax)
         axes.axhline(0.0, linewidth=0.8, color="0.6")
         ways = (
@@ -224,20 +224,19 @@ def rollout(
     """Drive a course in closed loop: pursuit law, steering servo, kinematics. A pure function, for jit, vmap and grad.
 
     Args:
-        vehicle: a counter-steered one.
-        course: from ``course``.
-        look_ahead_m: along the path; by default that of the vehicle file, over speed.
-        speed_mps: constant, above 0. This and the look-ahead are scalars, or arrays with one value per
-            vehicle.
-        duration_s, step_s: of the drive and of its steps; plain numbers, compiled in.
-        law: pursuit, ``exact`` (LL eq. 2) or in its ``closed`` form (LL eq. 3), or for comparison Stanley's.
+        vehicle: counter-steer vehicle.
+        course: course from ``course``.
+        look_ahead_m: look-ahead distance along the path, m; default: that of the vehicle file, over speed.
+        speed_mps: constant speed above 0, m/s. Speed and look-ahead are scalars, or arrays with a value per vehicle.
+        duration_s, step_s: duration of the drive and of a step, s; static Python numbers.
+        law: pure pursuit, ``exact`` (LL eq. 2) or ``closed`` (LL eq. 3), or ``stanley`` for comparison.
 
     Returns:
-        Rollout: ``trace`` [step, ...] and ``metrics``; ``vmap`` puts its axis in front of the steps.
+        Rollout: ``trace`` [step, ...] and ``metrics``; ``vmap`` adds a leading axis.
 
     Raises:
-        InputError: a skid-steer vehicle, a number missing in its file, a duration that is not positive, or arrays that
-            do not go together.
+        InputError: a skid-steer vehicle, a value missing in its file, a duration that is not positive, or arrays of
+            different shapes.
 
     Example:
         import jax
@@ -264,18 +263,18 @@ def tracking_cost(
     duration_s: float = 25.0,
     effort_m2: ArrayLike = 2.0,
 ) -> Float[Array, "..."]:
-    """Cost of a look-ahead in metres: RMS distance from the path and weighted movement of the wheels.
+    """Cost of a look-ahead in metres: RMS cross-track error plus weighted movement of the wheels.
 
-    The cost minimised by the look-ahead study (docs/vehicle.md), for one course at one speed and without its condition
-    on the phase margin.
+    Cost function of the look-ahead study (docs/vehicle.md), for one course and speed, without the phase-margin
+    constraint.
 
     Args:
-        look_ahead_m: along the path.
-        vehicle: a counter-steered one.
-        course: from ``course``.
-        speed_mps: constant.
-        duration_s: of the drive; a plain number, compiled in.
-        effort_m2: metres of cost per radian of wheel movement a metre; 0 or more.
+        look_ahead_m: look-ahead distance along the path, m.
+        vehicle: counter-steer vehicle.
+        course: course from ``course``.
+        speed_mps: constant speed, m/s.
+        duration_s: duration of the drive, s; a static Python number.
+        effort_m2: weight of the wheel movement, metres of cost per rad/m; 0 or more.
 
     Raises:
         InputError: as ``rollout``.
@@ -306,13 +305,13 @@ def _prepared(
 ) -> tuple[RolloutSpec, RolloutLane, RolloutState]:
     for given, type_, maker in ((vehicle, Vehicle, "open_vehicle"), (course, Course, "course")):
         if not isinstance(given, type_):
-            raise InputError("call", type_.__name__.lower(), f"what {maker}() gives", repr(given)[:60])
+            raise InputError("call", type_.__name__.lower(), f"the result of {maker}()", repr(given)[:60])
     for name, numbers in (("look_ahead_m", look_ahead_m), ("speed_mps", speed_mps)):
         if numbers is not None:
             _require_numbers(name, numbers)
     for name, value in (("duration_s", duration_s), ("step_s", step_s)):
         if not (is_number(value) and math.isfinite(value) and value > 0.0):
-            raise InputError("call", name, "a positive number (it is compiled in)", repr(value)[:60])
+            raise InputError("call", name, "a positive Python number, not an array", repr(value)[:60])
     duration_s, step_s = float(duration_s), float(step_s)
     if law not in ("exact", "closed", "stanley"):
         raise InputError("call", "law", "exact, closed or stanley", repr(law)[:60])
@@ -323,14 +322,16 @@ def _prepared(
     ahead = vehicle.look_ahead if look_ahead_m is None else constant_look_ahead(jnp.asarray(look_ahead_m, jnp.float32))
     if ahead is None:
         where = "vehicle file" if vehicle.path is None else vehicle.path
-        raise InputError(where, "pursuit.short_m", "a look-ahead, or the argument look_ahead_m", "none")
+        raise InputError(
+            where, "pursuit.short_m", "a look-ahead in the vehicle file, or the argument look_ahead_m", "none"
+        )
     speed = jnp.asarray(speed_mps, jnp.float32)
     shapes = jnp.shape(ahead.short_m), jnp.shape(speed), jnp.shape(course.offset_m)
     try:
         shape = jnp.broadcast_shapes(*shapes)
     except ValueError:
         places, found = "look_ahead_m, speed_mps, course", ", ".join(map(str, shapes))
-        raise InputError("call", places, "shapes that go together", found) from None
+        raise InputError("call", places, "shapes that broadcast together", found) from None
     lane = RolloutLane(
         vehicle.chassis,
         vehicle.chassis,

@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Vehicle:
-    """A vehicle; as a pytree its leaves are the numbers that a rollout needs, so that it goes through jit and vmap.
+    """A vehicle; a pytree of the parameters of a rollout, for jit and vmap.
 
     Attributes:
-        file: every number of the vehicle file.
-        path: of the file; None for a vehicle that has not been saved.
-        chassis: geometry and limits; None for a skid-steer vehicle, or if the file lacks a number for it.
-        servo: lag, delay, rate, dead band and backlash of the steering; None likewise.
-        look_ahead: over speed; None if the file has none.
-        delay_s: the longest delay supported in rollouts.
+        file: all values of the vehicle file.
+        path: path of the file; None for an unsaved vehicle.
+        chassis: geometry and limits; None for a skid-steer vehicle, or if the file lacks a value.
+        servo: lag, delay, rate, dead band and backlash of the steering; None in the same cases.
+        look_ahead: look-ahead distance over speed; None if the file has none.
+        delay_s: maximum delay in rollouts, s.
     """
 
     file: VehicleFile
@@ -98,7 +98,7 @@ def open_vehicle(path: PathLike) -> Vehicle:
     """Open a vehicle file.
 
     Args:
-        path: of the file, ``X.vehicle.toml``.
+        path: vehicle file, ``X.vehicle.toml``.
 
     Raises:
         InputError: the file is missing, or does not match data_schema/vehicle.toml.
@@ -140,11 +140,11 @@ class Tuned:
     """Result of a study.
 
     Attributes:
-        name: of the study.
-        kind: of the study, as ``rear_ratio`` or ``servo``.
-        vehicle: with the numbers found; ``vehicle.save(path)`` writes its file.
-        notes: further remarks, a line each.
-        finished: the study itself; ``finished.outcome.detail`` is what its pictures are drawn from.
+        name: name of the study.
+        kind: kind of the study, such as ``rear_ratio`` or ``servo``.
+        vehicle: vehicle with the fitted values; ``vehicle.save(path)`` writes its file.
+        notes: remarks.
+        finished: full result of the study; ``finished.outcome.detail`` has the data of its pictures.
     """
 
     name: str
@@ -160,17 +160,17 @@ class Tuned:
 
     @property
     def figures(self) -> "pd.DataFrame":
-        """DataFrame with one row per figure of quality: value, 95 % interval where it has one, and unit."""
+        """DataFrame with a row per quality figure: value, 95 % interval if available, unit."""
         import pandas as pd
 
         return pd.DataFrame(self.finished.outcome.figures, columns=["figure", "value", "unit", "low", "high"])
 
     def draw(self, folder: PathLike, *, force: bool = False) -> dict[str, Path]:
-        """Draw the study's pictures, as `lgprjax tune` does, and return their PNG files by name.
+        """Draw the pictures of the study, as ``lgprjax tune`` does. Returns the PNG files by name.
 
         Args:
-            folder: for the pictures; created if missing.
-            force: replace files that exist.
+            folder: folder for the pictures; created if missing.
+            force: replace existing files.
 
         Raises:
             InputError: a picture exists, or cannot be written.
@@ -198,7 +198,7 @@ class Tuned:
 
     @cached_property
     def table(self) -> "pd.DataFrame":
-        """DataFrame with one row per number: value and 95 % interval, which a chosen number does not have."""
+        """DataFrame with a row per parameter: value and 95 % interval (none for a set value)."""
         import pandas as pd
 
         units = {entry.path: entry.unit for entry in load_schema("vehicle").keys}
@@ -219,23 +219,23 @@ def tune(
     held_out: PathLike | Iterable[PathLike] = (),
     **options: object,
 ) -> Tuned:
-    """Run a study on a vehicle's logs: a calibration with its 95 % intervals, or the choice of the look-ahead.
+    """Run a study on drive logs of a vehicle: a calibration with 95 % intervals, or the look-ahead.
 
-    Nothing is written. tuning/ has example studies, and docs/vehicle.md lists what each of them needs.
+    The function writes no file. tuning/ has example studies; docs/vehicle.md lists their inputs.
 
     Args:
-        study: a study file, with paths relative to its folder; or, with ``vehicle``, the kind of a study, such as
-            ``"tracking"``, ``"loop"`` or ``"look_ahead"``.
-        vehicle: a vehicle of a file, or its path.
-        logs, held_out: with ``vehicle``, drives, drive logs, or folders of recorded runs; one, or several.
-        options: with ``vehicle``, of this kind of study.
+        study: study file, with paths relative to its folder; with ``vehicle``: kind of study, such as ``"tracking"``,
+            ``"loop"`` or ``"look_ahead"``.
+        vehicle: vehicle opened from a file, or the path of the file.
+        logs, held_out: with ``vehicle``: drives, drive logs, or folders of recorded runs; one or several.
+        options: with ``vehicle``: options of the study.
 
     Returns:
-        Tuned: ``vehicle`` with the numbers found, ``table`` with their intervals.
+        Tuned: ``vehicle`` with the fitted values, ``table`` with their intervals.
 
     Raises:
-        InputError: logs or options without ``vehicle``, or a file cannot be read, is about another vehicle, or does not
-            hold what the fit needs.
+        InputError: logs or options without ``vehicle``; a file cannot be read, belongs to another vehicle, or lacks
+            data for the fit.
 
     Example:
         tuned = lx.tune("tuning/k_ratio.toml")
@@ -248,7 +248,7 @@ def tune(
     if vehicle is not None:
         file = vehicle.path if isinstance(vehicle, Vehicle) else path_of(vehicle, "vehicle")
         if file is None:
-            raise InputError("call", "vehicle", "a vehicle of a file: save it first", repr(vehicle))
+            raise InputError("call", "vehicle", "a vehicle saved to a file (save it first)", repr(vehicle))
         asked = Study(
             Path("call"),
             str(study),
@@ -262,7 +262,7 @@ def tune(
     else:
         given = [name for name, paths in (("logs", logs), ("held_out", held_out)) if _log_paths(paths)] + list(options)
         if given:
-            raise ArgumentError(", ".join(given), "vehicle beside them, as a study file states its own", "none")
+            raise ArgumentError(", ".join(given), "the argument vehicle (only a study file names its own)", "none")
         asked = study if isinstance(study, Study) else read_study(path_of(study, "study"))
     finished = run_study(asked)
     return Tuned(asked.name, asked.kind, vehicle_of(finished.vehicle, None), finished.outcome.notes, finished)

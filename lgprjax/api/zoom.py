@@ -12,11 +12,11 @@ from lgprjax.formats.store import atomic_output
 
 
 class ZoomPage:
-    """A page of pictures that can be zoomed and moved by mouse, finger or keys; a notebook shows it below its cell.
+    """A page of pictures with zoom and pan by mouse, touch or keys; a notebook shows it below its cell.
 
     Attributes:
-        title: of the page.
-        html: whole page; it needs nothing from elsewhere.
+        title: title of the page.
+        html: the page, self-contained.
     """
 
     def __init__(self, title: str, html: str) -> None:
@@ -44,14 +44,14 @@ class ZoomPage:
 def zoom(
     shown: Fixes | PathLike, *, channel: int | None = None, raw: bool = False, velocity_m_per_ns: float | None = None
 ) -> ZoomPage:
-    """Fixes scan by scan, or the radargram of a recording, to look closer.
+    """Show fixes scan by scan, or the radargram of a recording, on a page with zoom.
 
-    Point at a scan to read its numbers, or at a radargram to read distance, travel time and depth; zoom by the wheel,
-    by two fingers, or by + and -.
+    The pointer shows the values of a scan, or distance, travel time and depth. Zoom with the wheel, two fingers, or +
+    and -.
 
     Args:
-        shown: registered fixes, a file of an instrument, a drive log, or an open drive.
-        channel, raw, velocity_m_per_ns: of a recording, as for ``view``.
+        shown: registered fixes, vendor file, drive log, or open drive.
+        channel, raw, velocity_m_per_ns: options of a recording, as for ``view``.
 
     Raises:
         InputError: the file cannot be read or is a map, an option of recordings is given with fixes, or as for
@@ -67,7 +67,9 @@ def zoom(
         page = Path(folder) / "page.html"
         if isinstance(shown, Fixes):
             if channel is not None or raw or velocity_m_per_ns is not None:
-                raise ArgumentError("channel, raw, velocity_m_per_ns", "a recording, to which these apply", "fixes")
+                raise ArgumentError(
+                    "channel, raw, velocity_m_per_ns", "a recording (fixes have no such options)", "fixes"
+                )
             title = shown.name
             write_drive_page(shown.result, page)
         else:

@@ -1,7 +1,7 @@
-"""``lgprjax cover``: plan a field, record the ground worked, export the record."""
+"""``lgprjax cover``: plan swaths over a field, record the area worked, export the record."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,22 +10,22 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import UsageError, console, progress_bar, require_files, working
-from lgprjax.errors import InputError
+from lgprjax.cli.terminal import UsageError, console, counted, progress_bar, require_files, say, verdict, working
+from lgprjax.errors import ArgumentError, InputError
 
 if TYPE_CHECKING:
     from lgprjax.worked.layers import CoverFigures
     from lgprjax.worked.plans import FieldPlan
 
 
-# Common parts of the verbs of ``lgprjax cover``.
+# Common parts of the commands of ``lgprjax cover``.
 
 
 def print_cover_figures(title: str, figures: "CoverFigures") -> None:
-    """Print the statement of a record, and its limits."""
+    """Print the areas of a record and the limits of the statement."""
     from lgprjax.worked.layers import percent, square_metres
 
-    table = Table("layer", "processed", "uncertain", "not processed", "of the field", title=title)
+    table = Table("level", "processed", "uncertain", "not processed", "share of field", title=title)
     for layer in figures.layers:
         areas = (square_metres(each) for each in (layer.processed_m2, layer.uncertain_m2, layer.not_processed_m2))
         table.add_row(f"{100.0 * layer.level:g} %", *areas, percent(layer.share))
@@ -37,48 +37,61 @@ def print_cover_figures(title: str, figures: "CoverFigures") -> None:
     say("A machine pass is not clearance: the ground must be searched before it is released.")
 
 
-def say(text: str) -> None:
-    """Print a line without markup."""
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
+def _cover_verdict(path: Path, figures: "CoverFigures") -> str:
+    """Processed share at the first level of a record."""
+    from lgprjax.worked.layers import percent
+
+    layer = figures.layers[0]
+    return f"{path}: {percent(layer.share)} of the field processed at {100.0 * layer.level:g} %"
 
 
-# ``lgprjax cover export``: export formats of a record of a worked field.
+def _levels(given: Sequence[float]) -> tuple[float, ...]:
+    """Checked values of ``--level``, in rising order."""
+    from lgprjax.worked.layers import checked_levels
+
+    try:
+        return checked_levels(given)
+    except ArgumentError as error:
+        raise ArgumentError("level", error.expected, error.found) from None
+
+
+# ``lgprjax cover export``: export formats of a record.
 
 
 @dataclass(frozen=True)
 class CoverExport:
-    """Export a record: GeoPackage, GeoJSON, KML, turning points as CSV, and a report to sign.
+    """Export a record of the area worked: GeoPackage, GeoJSON, KML, turning points as CSV, and a report to sign.
 
-    Layers: perimeter, swaths, processed ground at each confidence, gaps, stops, events; all on WGS-84.
+    Layers in WGS-84: perimeter, swaths, processed ground at each level, gaps, stops, events.
     """
 
-    record: Annotated[Positional[Path], arg(metavar="R.worked.h5", help="record of a worked field")]
+    record: Annotated[Positional[Path], arg(metavar="R.worked.h5", help="record of the area worked")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the outputs, created if missing")]
     organisation: str = "not stated"
-    """responsible organisation, named in every shape and in the report"""
+    """responsible organisation, in every layer and in the report"""
     benchmark_deg: Annotated[tuple[float, float] | None, arg(metavar="LATITUDE LONGITUDE")] = None
-    """marked reference point of bearings and distances; default: the first corner"""
-    confidence: Annotated[tuple[float, ...], arg(metavar="LEVEL...")] = ()
-    """probabilities at which ground counts as processed, such as 0.99; default: those of the record"""
+    """surveyed reference point for bearings and distances; default: the first corner"""
+    level: Annotated[tuple[float, ...], arg(metavar="LEVEL...")] = ()
+    """probabilities at which a cell counts as processed, such as 0.99; default: the levels of the record"""
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Export."""
         from lgprjax.formats import read_worked
         from lgprjax.report.handover import hand_over, handover_files
-        from lgprjax.worked.layers import at_levels, checked_levels, cover_figures
+        from lgprjax.worked.layers import at_levels, cover_figures
 
-        levels = checked_levels(self.confidence) if self.confidence else None
+        levels = _levels(self.level) if self.level else None
         outputs = handover_files(self.record, self.output, self.benchmark_deg, force=self.force)
         check_outputs(self.json, force=self.force)
         record = read_worked(self.record)
         if levels is not None:
             record = at_levels(record, levels)
         figures = cover_figures(record)
-        with working("drawing layers and report"):
+        with working("writing layers and report"):
             hand_over(
                 self.record,
                 record,
@@ -92,15 +105,16 @@ class CoverExport:
             say(f"wrote {path}")
         if self.json is not None:
             write_figures(self.json, figures.as_json(), force=self.force)
+        verdict(f"{_cover_verdict(self.record, figures)}; {counted(len(outputs), 'file')} in {self.output}")
 
 
 @dataclass(frozen=True)
 class CoverPlanVerb:
     """Plan parallel swaths over a field, in driving order, with turns that the vehicle can drive.
 
-    FIELD is a polygon on WGS-84 (GeoJSON with its holes and polygons of kind keep_out, KML, shapefile, or a CSV of its
-    corners), a CSV of three corners (latitude_deg,longitude_deg, in the order in which they were driven to), or the
-    folder of a run in which three corners were marked. With --gaps only the gaps of a record are planned.
+    FIELD is a polygon in WGS-84 (GeoJSON with holes and polygons of kind keep_out, KML, shapefile, or CSV of corners),
+    a CSV of three corners (latitude_deg,longitude_deg, in driving order), or the folder of a run with three marked
+    corners. With --gaps the command plans only the gaps of a record.
     """
 
     field: Annotated[
@@ -108,40 +122,40 @@ class CoverPlanVerb:
     ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.cover.geojson", help="plan to write")]
     vehicle: Path
-    """vehicle file of a skid-steer vehicle: its tool and its smallest radius"""
+    """vehicle file of a skid-steer vehicle, with tool and smallest turning radius"""
     overlap: float = 0.2
-    """least overlap of neighbouring swaths, in tool widths"""
-    order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
-    """zamboni: first, middle, second, ... with wide turns to one side; boustrophedon: each swath next to the last;
-    racetrack: Zamboni in blocks; free: the cheapest next, around keep-outs and in reverse; best: the fastest of all"""
+    """minimum overlap of neighbouring swaths, in tool widths"""
+    order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "best"
+    """zamboni: first, middle, second, ... swath, wide turns to one side; boustrophedon: neighbouring swaths; racetrack:
+    Zamboni in blocks; free: cheapest next swath, around keep-outs, with reversing; best: the fastest of these"""
     turning_room_m: float | None = None
-    """distance that the vehicle may go beyond the perimeter, on safe ground; default: as far as the turns need"""
+    """width of safe ground outside the perimeter, for turns; default: as much as the turns need"""
     sides: Annotated[tuple[str, ...], arg(metavar="SIDE:ROOM...")] = ()
-    """safe ground outside each side, in metres, or none; side 1 begins at the first corner: 1:none 3-5:4.5 rest:6"""
+    """width of safe ground outside each side, in metres, or none; side 1 starts at corner 1: 1:none 3-5:4.5 rest:6"""
     keep_out_buffer_m: float = 0.5
-    """distance kept from keep-outs for which the file states none"""
+    """distance to keep-outs without a distance in the field file"""
     clearance_m: float = 0.25
-    """distance kept between vehicle or tool and the border of declared ground"""
+    """distance of vehicle and tool from the border of the safe ground"""
     speed_mps: float = 0.3
-    """speed on straights, to estimate times"""
+    """speed on straight swaths, for the time estimate"""
     confidence: float | None = None
-    """probability that one pass is to reach everywhere: sets the overlap, and adds swaths beyond the border"""
+    """probability that one pass covers every place: sets the overlap, and adds swaths outside the border"""
     drop_out_s: float = 0.0
-    """with --confidence: longest GNSS outage to allow for"""
+    """with --confidence: longest GNSS outage"""
     heading_deg: float | None = None
     """compass heading of the first swath; default: along the first side"""
     gaps: Annotated[Path | None, arg(metavar="R.worked.h5")] = None
-    """record of this field: plan only cells below --level"""
+    """record of this field: plan only the cells below --level"""
     level: float = 0.95
-    """with --gaps: probability at which a cell counts as worked"""
+    """with --gaps: probability at which a cell counts as processed"""
     least_width_m: float = 0.1
-    """with --gaps: skip narrower gaps"""
+    """with --gaps: minimum width of a gap; narrower gaps are skipped"""
     picture: Path | None = None
-    """also draw the plan to this PNG: swaths in their order, turns, keep-outs, fence"""
+    """draw the plan to this PNG: swaths in driving order, turns, keep-outs, fence"""
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Plan."""
@@ -166,70 +180,70 @@ class CoverPlanVerb:
         check_plan_options(options, self.level)
         check_outputs(self.output, self.json, self.picture, force=self.force)
         worked = None if self.gaps is None else read_worked(self.gaps)
-        with working("laying lines and turns"):
+        with working("planning swaths and turns"):
             made = plan_field(self.field, self.vehicle, options, worked=worked, level=self.level)
         if made is None:
-            wide = f" that are {self.least_width_m:g} m wide" if self.least_width_m > 0.0 else ""
-            found = f"none below {100.0 * self.level:g} %{wide}: nothing to plan"
-            raise InputError(str(self.gaps), "gaps", "cells that are not worked", found)
+            wide = f" and at least {self.least_width_m:g} m wide" if self.least_width_m > 0.0 else ""
+            found = f"no gap below {100.0 * self.level:g} %{wide}"
+            raise InputError(str(self.gaps), "gaps", "cells that are not processed", found)
         plan = made.plan
         save_cover_plan(self.output, plan, force=self.force)
         figures = _plan_figures(made, self.speed_mps)
         _print_plan(self.output.name, figures)
         if len(made.costs) > 1:
             _print_costs(made)
-        room = f"{made.ground_m:.2f} m beyond the perimeter"
-        say(f"the whole vehicle with its tool, and the fence, keep within {room}: this ground must be safe to drive on")
+        say(f"safe ground needed for vehicle, tool and fence: up to {made.ground_m:.2f} m beyond the perimeter")
         for note in made.notes:
             say(note)
         if plan.pattern.unreached:
-            say(f"not reached within this room: {len(plan.pattern.unreached)} swaths, marked unreached in the plan")
-        say(f"wrote {self.output}")
+            say(f"not reachable on the safe ground: {len(plan.pattern.unreached)} swaths, marked unreached in the plan")
         if self.picture is not None:
             _draw(made, self.picture, figures, force=self.force)
             say(f"wrote {self.picture}")
         if self.json is not None:
             write_figures(self.json, figures, force=self.force)
+        text = f"{counted(figures['lines'], 'swath')}, {figures['length_m']:.0f} m, {figures['time_s'] / 3600.0:.2f} h"
+        verdict(f"wrote {self.output}: {text}", "run CONFIG.toml --preflight")
 
 
 @dataclass(frozen=True)
 class CoverRecord:
-    """Combine recorded runs into a record of the ground worked, cell by cell.
+    """Compute the area worked from recorded runs, cell by cell.
 
-    A cell's probability is that of its best pass: the tool was over it, by the pose and its uncertainty at the time,
-    switched on, turning and at its depth. Several runs combine by the largest probability. A machine pass is not
-    clearance.
+    The probability of a cell is the maximum over all passes of all runs: the tool covered the cell, given the pose and
+    its uncertainty at that time, and was on, turning and at depth. A machine pass is not clearance.
     """
 
     runs: Annotated[
-        Positional[tuple[Path, ...]], arg(metavar="RUN...", help="folders of recorded runs; with --cart, receiver logs")
+        Positional[tuple[Path, ...]],
+        arg(metavar="RUN...", help="folders of recorded runs; with --cart, GNSS logs"),
     ]
     plan: Annotated[
-        tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, followed by those of its gaps")
+        tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, then plans of its gaps")
     ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="R.worked.h5", help="record to write")]
     evidence: Annotated[Path | None, arg(metavar="E.toml")] = None
-    """task, hazard area, machine, operator, control points, finds and detonations; see docs/coverage.md"""
+    """task, hazard area, machine, operator, control points, finds, detonations; see docs/coverage.md"""
     cart: Annotated[Path | None, arg(metavar="V.vehicle.toml")] = None
-    """vehicle file of a hand cart; RUN... are then logs of its GNSS receiver, NMEA or UBX. Its heading is taken from
-    its smoothed course; whether the tool worked is not measured, and the record says so"""
+    """vehicle file of a hand cart; RUN... are logs of its GNSS receiver, NMEA or UBX. The heading comes from the
+    smoothed course. The record states that the tool state was not measured"""
     smooth: bool = False
     """smooth the poses of every run, forward and backward, from its recorded messages: smaller sigmas after GNSS
-    outages, and no credit for what later evidence contradicts; needs the files that the run was driven with"""
-    confidence: Annotated[tuple[float, ...], arg(metavar="LEVEL...")] = (0.95, 0.996)
-    """probabilities at which cells are judged; those of the cells are kept, so the export can judge at others"""
+    outages, and corrections by later measurements; needs the configuration files of the run"""
+    level: Annotated[tuple[float, ...], arg(metavar="LEVEL...")] = (0.95, 0.996)
+    """probabilities at which a cell counts as processed; cover export can use other levels"""
     cell_m: float = 0.05
     """side length of a cell"""
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Record."""
         from lgprjax.formats import write_worked
         from lgprjax.worked.evidence import read_evidence, shared_error_lines
-        from lgprjax.worked.layers import checked_levels, cover_figures
+        from lgprjax.worked.layers import cover_figures
         from lgprjax.worked.plans import open_cover_plan
         from lgprjax.worked.record import read_cover_run, record_cover
 
@@ -237,8 +251,8 @@ class CoverRecord:
         if not 0.01 <= self.cell_m <= 1.0:
             raise UsageError(f"--cell-m: expected 0.01 to 1, found {self.cell_m:g}")
         if self.cart is not None and self.smooth:
-            raise UsageError("--smooth: not with --cart, which smooths")
-        levels = checked_levels(self.confidence)
+            raise UsageError("--smooth: not with --cart, which already smooths")
+        levels = _levels(self.level)
         check_outputs(self.output, self.json, force=self.force)
         evidence = None if self.evidence is None else read_evidence(self.evidence)
         plans = [open_cover_plan(path) for path in self.plan]
@@ -256,16 +270,16 @@ class CoverRecord:
 
                 with working(f"smoothing {folder}"):
                     runs[-1], _ = smooth_run(runs[-1])
-        with progress_bar("working the cells", sum(len(run.rows) for run in runs), "ticks") as progress:
+        with progress_bar("computing cells", sum(len(run.rows) for run in runs), "ticks") as progress:
             record = record_cover(plans, runs, cell_m=self.cell_m, levels=levels, evidence=evidence, progress=progress)
         write_worked(self.output, record, force=self.force)
         figures = cover_figures(record)
         print_cover_figures(self.output.name, figures)
         for words, sentence in shared_error_lines(record.provenance["evidence"]):
             say(f"{words}: {sentence}")
-        say(f"wrote {self.output}")
         if self.json is not None:
             write_figures(self.json, figures.as_json(), force=self.force)
+        verdict(f"wrote {_cover_verdict(self.output, figures)}", f"cover export {self.output} -o DIR")
 
 
 def _plan_figures(made: "FieldPlan", speed_mps: float) -> dict[str, Any]:
@@ -306,8 +320,8 @@ def _draw(made: "FieldPlan", path: Path, figures: dict[str, Any], *, force: bool
     draw_cover_plan(
         CoverPlanPicture(
             title=f"{plan.name}: {len(pattern.lines)} swaths, {pattern.length_m:.0f} m, {seconds / 3600.0:.2f} h",
-            caption=f"Order {pattern.settings.order}; the darker a swath, the earlier. Swaths are of the tool's "
-            "centre, turns of the vehicle's reference point.",
+            caption=f"Order {pattern.settings.order}; dark swaths come first. Swaths: path of the tool centre. Turns: "
+            "path of the vehicle's reference point.",
             perimeter_m=pattern.field.perimeter_m,
             ground_m=tuple(ring for part in made.ground.polygons_m for ring in part),
             keep_outs_m=plan.keep_outs_m,
@@ -324,45 +338,45 @@ def _draw(made: "FieldPlan", path: Path, figures: dict[str, Any], *, force: bool
 
 def _print_costs(made: "FieldPlan") -> None:
     table = Table(
-        "order", "heading", "swaths", "way", "time", "beyond the perimeter", title="orders, the chosen one first"
+        "order", "heading", "swaths", "distance", "time", "beyond the perimeter", title="orders, selected one first"
     )
     for cost in made.costs:
         heading = f"{cost.heading_deg:.0f}°" if math.isfinite(cost.heading_deg) else ""
         if cost.refused:
-            table.add_row(cost.order, heading, "refused", "", "", "")
+            table.add_row(cost.order, heading, "rejected", "", "", "")
             continue
         hours = f"{cost.time_s / 3600.0:.2f} h"
         table.add_row(
             cost.order, heading, f"{cost.swath_m:.0f} m", f"{cost.way_m:.0f} m", hours, f"{cost.ground_m:.2f} m"
         )
     console.print(table)
-    # One reason may stand for several orders and headings.
+    # Several orders and headings may have the same reason.
     orders: dict[str, list[str]] = {}
     for cost in made.costs:
         if cost.refused and cost.order not in orders.setdefault(cost.refused, []):
             orders[cost.refused].append(cost.order)
     for reason, names in orders.items():
-        say(f"{', '.join(names)} refused: {reason}")
+        say(f"{', '.join(names)} rejected: {reason}")
 
 
-def _for_people(figures: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """A plan's quantities in words, with their units."""
+def _rows(figures: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Quantities of a plan with units."""
     yield "field", f"{figures['field']}, {figures['area_m2']:.1f} m²"
-    yield "first corner, latitude and longitude", f"{figures['latitude_deg']:.7f}°, {figures['longitude_deg']:.7f}°"
+    yield "first corner, latitude, longitude", f"{figures['latitude_deg']:.7f}°, {figures['longitude_deg']:.7f}°"
     yield "vehicle", str(figures["vehicle"])
     yield "order", str(figures["order"])
-    yield "swaths", f"{figures['lines']}, {figures['line_length_m']:.0f} m in all, {figures['spacing_m']:.2f} m apart"
-    yield "whole way", f"{figures['length_m']:.0f} m, {figures['time_s'] / 3600.0:.2f} h"
+    yield "swaths", f"{figures['lines']}, {figures['line_length_m']:.0f} m in total, {figures['spacing_m']:.2f} m apart"
+    yield "total distance, time", f"{figures['length_m']:.0f} m, {figures['time_s'] / 3600.0:.2f} h"
     if figures["tightest_radius_m"] is not None:
-        yield "tightest turn", f"{figures['tightest_radius_m']:.2f} m of radius"
+        yield "tightest turn", f"{figures['tightest_radius_m']:.2f} m radius"
     if figures["keep_outs"]:
         yield "keep-outs", str(figures["keep_outs"])
     if figures["unreached"]:
-        yield "swaths that no way leads to", str(figures["unreached"])
+        yield "unreachable swaths", str(figures["unreached"])
 
 
 def _print_plan(title: str, figures: dict[str, Any]) -> None:
     table = Table("quantity", "value", title=title)
-    for name, value in _for_people(figures):
+    for name, value in _rows(figures):
         table.add_row(name, value)
     console.print(table, highlight=False, markup=False)

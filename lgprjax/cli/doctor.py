@@ -1,4 +1,4 @@
-"""``lgprjax doctor``: report installation and machine, with advice for each problem."""
+"""``lgprjax doctor``: check installation and machine, with advice for each problem."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -7,44 +7,47 @@ from rich.table import Table
 from rich.text import Text
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import console, working
+from lgprjax.cli.terminal import console, say, verdict, working
 
 _STYLE = {"good": "green", "absent": "dim", "look": "yellow", "bad": "bold red"}
 
 
 @dataclass(frozen=True)
 class Doctor:
-    """Report the installation and the machine, with advice for each problem."""
+    """Check the installation and the machine, with advice for each problem."""
 
     onboard: bool = False
-    """also measure, for about a minute, whether this machine keeps up with the 126 scans per second of an array"""
+    """also measure, for about a minute, whether this machine registers the 126 scans per second of an array"""
     json: Path | None = None
-    """also write the findings to this file, or - for standard output"""
+    """JSON file for the findings; - for standard output"""
     force: bool = False
-    """replace that file if it exists"""
+    """replace existing outputs"""
 
     def run(self) -> int:
-        """Check; status 1 if something that every verb needs is missing or wrong."""
+        """Check; status 1 if something that every command needs is missing or wrong."""
         from lgprjax.cli.installation import look_at_machine, look_at_packages
 
         check_outputs(self.json, force=self.force)
-        with working("looking"):
+        with working("checking"):
             findings = [*look_at_packages(), *look_at_machine()]
         if self.onboard:
             from lgprjax.cli.real_time import look_at_onboard
 
-            with working("making a course of 60 m, and searching its scans"):
+            with working("simulating a course of 60 m and registering its scans"):
                 findings += look_at_onboard()
-        table = Table("what", "found", "verdict")
+        table = Table("item", "found", "verdict")
         for finding in findings:
             table.add_row(finding.name, finding.found, Text(finding.verdict, _STYLE[finding.verdict]))
         console.print(table)
         for finding in findings:
             if finding.advice:
                 line = f"{finding.verdict}: {finding.name}: {finding.advice}"
-                console.print(line, highlight=False, markup=False, soft_wrap=True)
+                say(line)
         if self.json is not None:
             write_figures(self.json, [asdict(finding) for finding in findings], force=self.force)
-        worst = any(finding.verdict == "bad" for finding in findings)
-        console.print("lgprjax cannot be relied on here" if worst else "lgprjax can be used here", highlight=False)
-        return int(worst)
+        bad = [finding.name for finding in findings if finding.verdict == "bad"]
+        if bad:
+            verdict(f"bad: {', '.join(bad)}; lgprjax cannot be used on this machine")
+        else:
+            verdict("lgprjax can be used on this machine", "demo")
+        return int(bool(bad))

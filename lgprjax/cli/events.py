@@ -1,4 +1,4 @@
-"""``lgprjax events``: the time line of a recorded run."""
+"""``lgprjax events``: the events of a recorded run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,36 +9,35 @@ from rich.text import Text
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import console, working
+from lgprjax.cli.terminal import console, verdict, working
 
 _STYLE = {"error": "bold red", "stop": "red", "check": "red", "refused": "yellow", "slow": "yellow", "arrived": "green"}
 
 
 @dataclass(frozen=True)
 class Events:
-    """List what happened in a recorded run, with the cause of every error, refusal, stop and slow-down."""
+    """List the events of a recorded run, with the cause of every error, refusal, stop and slow-down."""
 
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="folder of a recorded run")]
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN_FOLDER", help="folder of a recorded run")]
     json: Path | None = None
-    """also write the time line to this file, or - for standard output"""
+    """JSON file for the events; - for standard output"""
     force: bool = False
-    """replace that file if it exists"""
+    """replace existing outputs"""
 
     def run(self) -> int:
-        """Print the time line."""
+        """Print the events."""
         from lgprjax.runtime.timeline import read_timeline
 
         with working(f"reading {self.run_folder}"):
             found = read_timeline(self.run_folder)
         check_outputs(self.json, force=self.force)
-        table = Table("s", "mode", "what happened", title=str(self.run_folder))
+        table = Table("time s", "mode", "event", title=str(self.run_folder))
         for entry in found.entries:
             style = _STYLE.get(entry.kind, "")
             table.add_row(f"{entry.time_s:.1f}", entry.mode, Text(entry.text, style))
         console.print(table, highlight=False)
         ended = "" if found.end is not None else "; the recording was interrupted"
-        summary = found.shortfall or "engaged, and arrived at the end"
-        console.print(f"{found.seconds:.1f} s: {summary}{ended}", highlight=False, soft_wrap=True)
+        summary = found.shortfall or "engaged, arrived at the end"
         if self.json is not None:
             content = {
                 "seconds": found.seconds,
@@ -50,4 +49,6 @@ class Events:
                 "events": [entry._asdict() for entry in found.entries],
             }
             write_figures(self.json, content, force=self.force)
+        following = f"recover {self.run_folder} -o X.drive.h5" if found.end is None else ""
+        verdict(f"{found.seconds:.1f} s: {summary}{ended}", following)
         return 0

@@ -1,4 +1,4 @@
-"""Figures as JSON, for further computation: into a file, or onto standard output (``--json -``)."""
+"""Figures as JSON: to a file, or to standard output (``--json -``)."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def write_figures(path: Path, figures: object, *, force: bool) -> None:
 
 @contextmanager
 def figures_alone() -> Iterator[None]:
-    """Keep standard output for the figures: whatever else is printed in the block goes to standard error."""
+    """Reserve standard output for the figures: all other output of the block goes to standard error."""
     _figures_to.append(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):
@@ -40,24 +40,24 @@ def figures_alone() -> Iterator[None]:
 
 
 def check_outputs(*outputs: Path | None, force: bool) -> None:
-    """Refuse files that cannot be written as they are named, before any work and after the inputs are read.
+    """Check the files to write, before any work and after the inputs are read.
 
     Raises:
-        InputError: one exists (without ``force``), is a folder, is named twice, or its folder is missing or not to be
-            written to.
+        InputError: a file exists (without ``force``), is a folder or is named twice, or its folder is missing or
+            read-only.
     """
     seen: set[Path] = set()
     for path in outputs:
         if path is None or path == STANDARD_OUTPUT:
             continue
         if path.absolute() in seen:
-            raise InputError(path, "output", "a file of its own for each output", "one name for two of them")
+            raise InputError(path, "output", "different files", "the same file for two outputs")
         seen.add(path.absolute())
         if path.is_dir():
             raise InputError(path, "output", "a file name", "a folder")
         if path.exists() and not force:
-            raise InputError(path, "output", "a new file, or --force", "one that exists")
+            raise InputError(path, "output", "a new file, or --force", "an existing file")
         if not path.parent.is_dir():
-            raise InputError(path, "output", "a folder that exists (make it first)", f"no folder {path.parent}")
+            raise InputError(path, "output", "an existing folder (create it first)", f"no folder {path.parent}")
         if not os.access(path.parent, os.W_OK):
-            raise InputError(path, "output", "a folder that may be written to", f"{path.parent}, which may not")
+            raise InputError(path, "output", "a writable folder", f"{path.parent}, read-only")

@@ -1,7 +1,6 @@
-"""What ``--help`` says, and the reference page of the command line (``python -m lgprjax.cli.help > docs/cli.md``)."""
+"""Text of ``--help``, and the reference page of the site with every option (``python -m lgprjax.cli.help``)."""
 
 import inspect
-import os
 import re
 import shutil
 import textwrap
@@ -11,15 +10,20 @@ from lgprjax.cli.options import Option, options_of
 from lgprjax.cli.verbs import VERBS, Verb, VerbGroup, every_verb
 
 _LEFT = 26
-_HELP = Option(("-h", "--help"), "", "show this help", "", False, 0, (), ())
-_WHAT = "Localizing ground-penetrating radar: locate a vehicle by the ground beneath it."
+SHARED = (
+    Option(("-h", "--help"), "", "show this help", "", False, 0, (), ()),
+    Option(("-q", "--quiet"), "", "print only errors and the result", "", False, 0, (), ()),
+    Option(("-v", "--verbose"), "", "also print durations and details", "", False, 0, (), ()),
+)
+"""Options of every command. ``lgprjax.cli.verbs`` reads them before the command is parsed."""
+_WHAT = "Localizing ground-penetrating radar: locate a vehicle by radar scans."
 _ENDING = (
-    "A recorded drive becomes a map, on which later drives are located:",
-    "import, map build, register.",
+    "Usual order: import recordings, map build, register later drives on the map.",
     "",
-    "lgprjax VERB --help   options of a verb, and two examples",
-    "lgprjax --version     the version",
-    "lgprjax --completion bash|zsh|fish|tcsh   completion, to source in that shell",
+    "lgprjax COMMAND --help   options and two examples of a command",
+    "lgprjax --version        version",
+    "lgprjax --completion bash|zsh|fish|tcsh   completion script for a shell",
+    "Every command: -q prints only errors and the result, -v adds durations.",
     "Exit status: 0 done, 1 bad input (file: place, expected, found), 2 wrong usage.",
 )
 
@@ -29,33 +33,33 @@ def _width() -> int:
 
 
 def top_help() -> str:
-    """One screen: every verb with a sentence, by what a person is about."""
-    lines = ["usage: lgprjax VERB ...", "", _WHAT, ""]
+    """Commands grouped by task, on one screen."""
+    lines = ["usage: lgprjax COMMAND ...", "", _WHAT, ""]
     for part, verbs in VERBS.items():
         lines += [part, *(f"  {name:12}{verb.what}" for name, verb in verbs.items())]
     return "\n".join([*lines, "", *_ENDING]) + "\n"
 
 
 def group_help(name: str, group: VerbGroup) -> str:
-    """Verbs under one name."""
-    lines = [f"usage: lgprjax {name} VERB ...", "", *_wrapped(group.text), ""]
+    """Commands of a group."""
+    lines = [f"usage: lgprjax {name} COMMAND ...", "", *_wrapped(group.text), ""]
     if name == "import":
         lines[0] = "usage: lgprjax import [FORMAT] FILE... -o X.drive.h5"
     lines += [f"  {part:12}{verb.what}" for part, verb in group.verbs.items()]
     lines += ["", "Examples", *_examples(group.examples)]
-    lines += ["", f"lgprjax {name} {'FORMAT' if name == 'import' else 'VERB'} --help shows its options."]
+    lines += ["", f"lgprjax {name} {'FORMAT' if name == 'import' else 'COMMAND'} --help shows its options."]
     return "\n".join(lines) + "\n"
 
 
 def verb_help(name: str, verb: Verb) -> str:
-    """What a verb does, its options, and examples."""
+    """Description, options and examples of a command."""
     options = options_of(verb.options)
     positional, named = _parted(options)
     lines = [*_usage(name, options), "", *_described(verb), ""]
     for option in positional:
         lines += _row(option)
     lines += ["", "Options"] if positional else ["Options"]
-    for option in [*named, _HELP]:
+    for option in [*named, *SHARED]:
         lines += _row(option)
     return "\n".join([*lines, "", "Examples", *_examples(verb.examples)]) + "\n"
 
@@ -116,18 +120,21 @@ def _wrapped(text: str) -> list[str]:
 
 
 def reference_page() -> str:
-    """The page of all verbs, in Markdown."""
-    os.environ["COLUMNS"] = "96"
+    """Every command with its options, in Markdown."""
     parts = [
-        "# Command line\n",
-        "Made from the verbs themselves, as `--help` shows them: `python -m lgprjax.cli.help > docs/cli.md`.\n",
+        "# Command reference\n",
+        "Every command with its options, as `lgprjax COMMAND --help` prints them. [Command line](../cli.md) lists the "
+        "commands by task.\n",
         f"```text\n{top_help()}```\n",
+        "Options of every command:\n\n| option | effect |\n| --- | --- |",
+        *map(_table_row, SHARED),
+        "",
     ]
     for name, verb in every_verb():
         positional, named = _parted(options_of(verb.options))
         parts.append(f"## lgprjax {name}\n")
         parts += [f"{' '.join(part.split())}\n" for part in inspect.cleandoc(verb.options.__doc__ or "").split("\n\n")]
-        parts.append("| | |\n| --- | --- |")
+        parts.append("| option | effect |\n| --- | --- |")
         parts += [_table_row(option) for option in [*positional, *named]]
         examples = "\n".join(f"lgprjax {example}" for example in verb.examples)
         parts.append(f"\n```sh\n{examples}\n```\n")
@@ -137,9 +144,9 @@ def reference_page() -> str:
 def _table_row(option: Option) -> str:
     left = option.metavar if option.positional else f"{', '.join(option.names)} {option.metavar}".rstrip()
     text = option.text.replace("|", "\\|")
-    told = " (required)" if option.required and not option.positional else ""
+    needed = " (required)" if option.required and not option.positional else ""
     default = f" (default: {option.default})" if option.default else ""
-    return f"| `{re.sub(r'[|]', chr(92) + '|', left)}` | {text}{told}{default} |"
+    return f"| `{re.sub(r'[|]', chr(92) + '|', left)}` | {text}{needed}{default} |"
 
 
 if __name__ == "__main__":

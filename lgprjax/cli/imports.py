@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.terminal import UsageError, console, require_files, working
+from lgprjax.cli.terminal import UsageError, counted, require_files, say, verdict, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,32 +14,32 @@ if TYPE_CHECKING:
     from lgprjax.radar.array import ArrayGeometry
 
 
-# Common parts of the import verbs: the output, the site's origin, and the closing line.
+# Common parts of the import commands: output, origin of the site, closing lines.
 
 Output = Annotated[Path, arg(aliases=["-o"], metavar="X.drive.h5", help="drive log to write")]
-Force = Annotated[bool, arg(help="replace an output that exists")]
+Force = Annotated[bool, arg(help="replace existing outputs")]
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Place of the recording on the earth."""
+    """Position of the recording on the earth."""
 
     latitude_deg: float = 0.0
-    """latitude of the site's origin, WGS-84"""
+    """latitude of the local origin, WGS-84"""
     longitude_deg: float = 0.0
-    """longitude of the site's origin, WGS-84"""
+    """longitude of the local origin, WGS-84"""
     heading_deg: float = 90.0
-    """direction of the lines, clockwise from true north"""
+    """compass heading of the lines, clockwise from true north"""
 
     def place(self) -> "SurveyOrigin":
-        """The origin for the importers."""
+        """The origin as the importers need it."""
         from lgprjax.formats import SurveyOrigin
 
         return SurveyOrigin(self.latitude_deg, self.longitude_deg, self.heading_deg)
 
 
 def print_survey(survey: "Survey") -> None:
-    """Print a table of the findings on each line, in samples and metres."""
+    """Print a table of the properties of each line, in samples and metres."""
     head = (
         "line",
         "traces",
@@ -80,17 +80,13 @@ def print_survey(survey: "Survey") -> None:
             text.rjust(width) if column in right else text.ljust(width)
             for column, (text, width) in enumerate(zip(row, widths, strict=True))
         ]
-        _tell("  ".join(cells).rstrip())
-    _tell(
-        "header, break (the direct wave's first), wave (its strongest lobe) and zero (time zero) in samples; "
+        say("  ".join(cells).rstrip())
+    say(
+        "header, break (first break of the direct wave), wave (strongest lobe) and zero (time zero) in samples; "
         f"r: correlation with the previous line; positions from: {survey.placed_by}"
     )
     for note in survey.notes:
-        _tell(f"note: {note}")
-
-
-def _tell(text: str) -> None:
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
+        say(f"note: {note}")
 
 
 def _sample(value: float | None) -> str:
@@ -98,24 +94,25 @@ def _sample(value: float | None) -> str:
 
 
 def finished(output: Path) -> None:
-    """Report what was written and where it is, and which quantities no instrument recorded."""
+    """Print assumed quantities, position and extent, and the written file."""
     from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
 
     with DriveLog.open(output) as log:
         description = log.description
+        size = f"{counted(log.scans, 'scan')}, {counted(log.channels, 'channel')}"
     assumed = assumed_of(description.provenance)
     if assumed:
-        _tell(f"assumed, as no instrument recorded it: {assumed_in_words(assumed)}")
+        say(f"assumed, not recorded: {assumed_in_words(assumed)}")
     if "time zero" in assumed:
-        _tell("time zero was set to the first sample (see --time-zero-ns)")
-    _tell(place_in_words(description.navigation, description.array, known="place on the earth" not in assumed))
-    _tell(f"wrote {output}")
+        say("time zero was set to the first sample (see --time-zero-ns)")
     if "place on the earth" in assumed:
-        _tell("the site's origin was set to latitude 0, longitude 0 (see --latitude-deg)")
+        say("the local origin was set to latitude 0, longitude 0 (see --latitude-deg)")
+    say(place_in_words(description.navigation, description.array, known="place on the earth" not in assumed))
+    verdict(f"wrote {output}: {size}", f"check {output} --health")
 
 
 def place_in_words(navigation: "NavigationTrack", array: "ArrayGeometry | None", *, known: bool) -> str:
-    """Where a drive begins, unless its place on the earth was made up, and how far it reaches with its array."""
+    """Start position of a drive, unless it was assumed, and the extent of drive and array."""
     import numpy as np
 
     from lgprjax.frames import LocalFrame
@@ -132,7 +129,7 @@ def place_in_words(navigation: "NavigationTrack", array: "ArrayGeometry | None",
     across, up = (
         f"{span:.2f} m" if span < 10.0 else f"{span:.1f} m" if span < 1e4 else f"{span / 1e3:.1f} km" for span in spans
     )
-    extent = f"{across} from west to east, {up} from south to north"
+    extent = f"{across} west to east, {up} south to north"
     if not known:
         return f"extent: {extent}"
     longitude = (longitude + 180.0) % 360.0 - 180.0
@@ -145,7 +142,7 @@ def place_in_words(navigation: "NavigationTrack", array: "ArrayGeometry | None",
 
 @dataclass(frozen=True)
 class ImportGrounded:
-    """A run in the layout of the GROUNDED data set: run.npy and run_UTM_point.npy."""
+    """Import a run in the layout of the GROUNDED data set: run.npy and run_UTM_point.npy."""
 
     run_dir: Annotated[
         Positional[Path],
@@ -184,10 +181,10 @@ class ImportGrounded:
 
 @dataclass(frozen=True)
 class ImportCmu:
-    """A sequence of the CMU-GPR data set: gpr_meas.csv, we_odom.csv and, if available, ts_meas.csv.
+    """Import a sequence of the CMU-GPR data set: gpr_meas.csv, we_odom.csv and, if present, ts_meas.csv.
 
-    The sequences have no latitude and longitude: the total station's origin is placed at the site's origin, its x axis
-    along the heading. A sequence without total station drives straight along the heading by its odometry.
+    The sequences have no latitude and longitude. The origin of the total station is placed at the local origin, its x
+    axis along the heading. Without total station the drive is a straight line along the heading, by odometry.
     """
 
     sequence_dir: Annotated[Positional[Path], arg(metavar="SEQUENCE_DIR", help="folder with the CSV files")]
@@ -217,24 +214,24 @@ class ImportCmu:
 
 @dataclass(frozen=True)
 class ImportGprMax:
-    """gprMax results: the .out (version 3) or .h5 (version 4) files of one B-scan, or one merged file.
+    """Import gprMax results: the .out (version 3) or .h5 (version 4) files of one B-scan, or one merged file.
 
-    Single-trace files are taken in the order of their numbers, each midway between its source and receiver. A merged
-    file lacks positions: give --step-m. The simulation's picoseconds are resampled without aliasing.
+    Single-trace files are ordered by their numbers; each trace lies midway between source and receiver. A merged file
+    has no positions: give --step-m. The traces are resampled without aliasing.
     """
 
-    files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE...", help="the traces, or one merged B-scan")]
+    files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE...", help="traces, or one merged B-scan")]
     output: Output
     component: str | None = None
-    """field component, such as Ez; default: Ez, or the only one in the files"""
+    """field component, such as Ez; default: Ez, or the only component in the files"""
     receiver: int = 1
     """number of the receiver"""
     sample_interval_ns: float | None = None
-    """interval to resample to; default: the coarsest that keeps 99.99 % of the energy"""
+    """two-way travel time between samples of the drive log; default: the coarsest that keeps 99.99 % of the energy"""
     time_zero_ns: float = 0.0
-    """time of the simulation that counts as zero, such as the delay of the source's pulse"""
-    start_m: float = 0.0
-    """position of the first trace of a merged file, from the site's origin"""
+    """time from the first sample to time zero, such as the delay of the source pulse"""
+    first_trace_m: float = 0.0
+    """position of the first trace of a merged file, from the local origin"""
     step_m: float | None = None
     """distance between the traces of a merged file"""
     origin: Origin = field(default_factory=Origin)
@@ -252,7 +249,7 @@ class ImportGprMax:
                 receiver=self.receiver,
                 sample_interval_ns=self.sample_interval_ns,
                 time_zero_ns=self.time_zero_ns,
-                start_m=self.start_m,
+                start_m=self.first_trace_m,
                 step_m=self.step_m,
                 place=self.origin.place(),
                 output=self.output,
@@ -266,37 +263,37 @@ class ImportGprMax:
 
 @dataclass(frozen=True)
 class ImportMcap:
-    """A recording of ROS 2 messages, .mcap (needs: pip install lgprjax[log]).
+    """Import a recording of ROS 2 messages, .mcap (needs: pip install lgprjax[log]).
 
-    Scans come from messages RadarScan, positions from NavSatFix, headings from an Imu with orientation or a
-    PoseWithCovarianceStamped, travel from Odometry; docs/transfer.md has their definitions. Topics are found by their
-    types. A truncated file is read as far as it is intact.
+    Scans: RadarScan; positions: NavSatFix; headings: Imu with orientation or PoseWithCovarianceStamped; travel:
+    Odometry. docs/transfer.md has the definitions. The message types select the topics. Of a truncated file the intact
+    part is imported.
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording")]
     output: Output
     radar_topic: str | None = None
-    """topic of the scans, if there are several"""
+    """topic of the scans, if several match"""
     array_topic: str | None = None
-    """topic of the message RadarArray, if there are several"""
+    """topic of RadarArray, if several match"""
     gnss_topic: str | None = None
-    """topic of the positions, if there are several"""
+    """topic of the positions, if several match"""
     heading_topic: str | None = None
-    """topic of the headings; one of type Odometry must be given explicitly, with headings relative to east"""
+    """topic of the headings; an Odometry topic, with headings relative to east, must be given here"""
     odometry_topic: str | None = None
-    """topic of the odometer, if there are several"""
+    """topic of the odometry, if several match"""
     channel_pitch_m: float | None = None
-    """distance between neighbouring channels of an array that no message describes"""
+    """distance between neighbouring channels of an array without RadarArray message"""
     array_x_m: float | None = None
-    """how far ahead of the rear axle that array is"""
+    """position of that array, forward of the rear axle"""
     array_height_m: float | None = None
-    """how high above the ground that array is"""
+    """height of that array above the ground"""
     gnss_m: Annotated[tuple[float, float, float], arg(metavar="X Y Z")] = (0.0, 0.0, 0.0)
-    """place of the GNSS antenna: forward and left of the rear axle, above the ground"""
+    """position of the GNSS antenna: forward and left of the rear axle, above the ground"""
     gnss_sigma_m: float | None = None
-    """sigma of positions whose messages state no covariance"""
+    """sigma of positions without covariance"""
     heading_sigma_deg: float | None = None
-    """sigma of headings whose messages state no covariance"""
+    """sigma of headings without covariance"""
     force: Force = False
 
     def run(self) -> None:
@@ -320,39 +317,39 @@ class ImportMcap:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output)
         for note in imported.notes:
-            console.print(note, highlight=False, markup=False, soft_wrap=True)
+            say(note)
+        finished(self.output)
 
 
 @dataclass(frozen=True)
 class ImportRosbag(ImportMcap):
-    """A ROS bag: ROS 1 (.bag), or ROS 2 in SQLite (.db3 or its folder; needs: pip install lgprjax[rosbag]).
+    """Import a ROS bag: ROS 1 (.bag), or ROS 2 in SQLite (.db3 or its folder; needs: pip install lgprjax[rosbag]).
 
-    Scans come from messages RadarScan, positions from NavSatFix, headings from an Imu with orientation or a
-    PoseWithCovarianceStamped, travel from Odometry; docs/transfer.md has their definitions. Topics are found by their
-    types. ROS 2 bags in MCAP are read by lgprjax import mcap.
+    Scans: RadarScan; positions: NavSatFix; headings: Imu with orientation or PoseWithCovarianceStamped; travel:
+    Odometry. docs/transfer.md has the definitions. The message types select the topics. For ROS 2 bags in MCAP use
+    lgprjax import mcap.
     """
 
 
-# ``lgprjax import signals``: a vehicle's signals out of a table or a recording.
+# ``lgprjax import signals``: vehicle signals from a table or a recording.
 
 
 @dataclass(frozen=True)
 class ImportSignals:
-    """A vehicle's signals from a table or a recording: .csv, .parquet or .mcap, for the studies of lgprjax tune.
+    """Import vehicle signals from a table or a recording, .csv, .parquet or .mcap, for lgprjax tune.
 
-    The columns of a .csv are separated by commas, semicolons or tabs; with the latter two a comma may be the decimal
-    sign. Cells that are no numbers are left out and counted; a column with more than 5 % of them is refused.
+    A TOML file, such as tuning/signals.toml, assigns columns to signals and units: time, speed or travel, latitude and
+    longitude or east and north, heading, yaw rate, wheel angles, steering command, volts, pedals. The command converts
+    units and rejects values outside the range of a signal.
 
-    A TOML file says which column is which signal and in which unit: time, speed or travel, latitude and longitude or
-    east and north, heading, yaw rate, wheel angles, steering command, volts, pedals. Units are converted; values out of
-    a signal's range are refused. tuning/signals.toml is an example.
+    The columns of a .csv are separated by commas, semicolons or tabs; with semicolons or tabs the decimal sign may be a
+    comma. Cells without a number are skipped and counted; a column with more than 5 % of them is rejected.
     """
 
-    file: Annotated[Positional[Path], arg(metavar="FILE", help="the table or recording: .csv, .parquet or .mcap")]
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="table or recording: .csv, .parquet or .mcap")]
     output: Output
-    map: Annotated[Path, arg(metavar="COLUMNS.toml", help="which column is which signal, and its unit")]
+    columns: Annotated[Path, arg(metavar="COLUMNS.toml", help="TOML file that assigns columns to signals and units")]
     force: Force = False
 
     def run(self) -> None:
@@ -361,34 +358,39 @@ class ImportSignals:
         from lgprjax.formats.signal_tables import import_signals
 
         with working(f"importing {self.file}"):
-            imported = import_signals(self.file, self.map, self.output, force=self.force)
+            imported = import_signals(self.file, self.columns, self.output, force=self.force)
         rows = ", ".join(f"{name} {count}" for name, count in imported.signals.items())
-        _tell(f"{imported.seconds:.1f} s; numbers of each signal: {rows}")
+        say(f"values per signal: {rows}")
         for name, how in imported.left_out.items():
-            _tell(f"left out of {name}: {how}")
+            say(f"skipped in {name}: {how}")
         for what, how in imported.assumed.items():
-            _tell(f"assumed, as nothing says it: {what}: {how}")
+            say(f"assumed, not recorded: {what}: {how}")
         known = "place on the earth" not in imported.assumed
-        _tell(place_in_words(VehicleLog.open(self.output).navigation, None, known=known))
-        _tell(f"wrote {self.output}")
+        say(place_in_words(VehicleLog.open(self.output).navigation, None, known=known))
+        verdict(
+            f"wrote {self.output}: {imported.seconds:.1f} s, {counted(len(imported.signals), 'signal')}",
+            f"check {self.output} --health",
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _FoundInTraces:
-    """Properties estimated from the traces of lines, which may be given instead."""
+    """Options of lines whose properties are estimated from the traces."""
 
     output: Output
     length_m: float | None = None
-    """length of the lines, if measured by tape; default: the headers' trace spacing"""
-    time_zero: Literal["auto", "header"] | float = "auto"
-    """auto: the header's if it agrees with the direct wave, else the wave's first break; header; or nanoseconds
-    after the first sample"""
+    """length of the lines, if measured by tape; default: from the trace spacing of the headers"""
+    time_zero: Literal["auto", "header"] = "auto"
+    """source of time zero: auto (the header if it agrees with the direct wave, else the first break of the wave), or
+    header"""
+    time_zero_ns: float | None = None
+    """time from the first sample to time zero; replaces --time-zero"""
     reversed_lines: Literal["auto", "odd", "even"] | tuple[int, ...] = "auto"
-    """lines recorded backward: auto detects them; odd or even by the numbers in their names; or numbers from 0"""
+    """lines recorded backward: auto detects them; odd or even line numbers in the file names; or numbers from 0"""
     utm_zone: str | None = None
-    """UTM zone of a topography, or of SEG-Y coordinates, in metres of that grid, such as 33N"""
+    """UTM zone of topography or SEG-Y coordinates in metres, such as 33N"""
     partial: bool = False
-    """read the whole traces of a file that is cut short"""
+    """import the complete traces of a truncated file"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -412,7 +414,7 @@ class _FoundInTraces:
                 lines_at_m=lines_at_m,
                 first_line_m=first_line_m,
                 length_m=self.length_m,
-                time_zero=self.time_zero,
+                time_zero=self.time_zero if self.time_zero_ns is None else self.time_zero_ns,
                 polarity=polarity,
                 reversed_lines=self.reversed_lines,
                 sample_interval_ns=sample_interval_ns,
@@ -429,13 +431,11 @@ class _FoundInTraces:
 
 @dataclass(frozen=True, kw_only=True)
 class ImportLine(_FoundInTraces):
-    """One vendor file as a drive log (each of its channels a line)."""
+    """Import one vendor file; each channel becomes a line."""
 
     suffixes: ClassVar[tuple[str, ...]]
 
-    file: Annotated[
-        Positional[Path], arg(metavar="FILE", help="the recording; its header file, if it has one, next to it")
-    ]
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="recording, with its header file in the same folder")]
 
     def run(self) -> None:
         """Import."""
@@ -449,40 +449,40 @@ class ImportLine(_FoundInTraces):
 
 @dataclass(frozen=True, kw_only=True)
 class ImportDt1(ImportLine):
-    """Sensors & Software .DT1, with its .HD."""
+    """Import a Sensors & Software file, .DT1 with its .HD."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".dt1",)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportDzt(ImportLine):
-    """GSSI .DZT."""
+    """Import a GSSI file, .DZT."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".dzt",)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportMala(ImportLine):
-    """MALA .rd3 (16 bit) or .rd7 (32 bit), with its .rad."""
+    """Import a MALA file, .rd3 (16 bit) or .rd7 (32 bit), with its .rad."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".rd3", ".rd7")
 
 
 @dataclass(frozen=True)
 class ImportIprb:
-    """ImpulseRadar .iprb, with its .iprh. An array writes one file per channel: give all files of the line.
+    """Import ImpulseRadar files, .iprb with .iprh. An array writes one file per channel: give all files of the line.
 
     Several files (LINE_001_A01.iprb LINE_001_A02.iprb ..., in any order) become one multi-channel drive; the headers
-    give the place of each channel. One file becomes a single-channel drive.
+    contain the position of each channel. One file becomes a single-channel drive.
     """
 
     files: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="FILE...", help="the channels of one line, each with its header file"),
+        arg(metavar="FILE...", help="channels of one line, each with its header file"),
     ]
     output: Output
     length_m: float | None = None
-    """length of the line, if measured by tape; default: the distance measured by the wheel"""
+    """length of the line, if measured by tape; default: from the measuring wheel"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -500,22 +500,22 @@ class ImportIprb:
 
 @dataclass(frozen=True)
 class ImportSegy:
-    """SEG-Y .sgy or .segy (needs: pip install lgprjax[segy]).
+    """Import a SEG-Y file, .sgy or .segy (needs: pip install lgprjax[segy]).
 
-    Positions come from the trace headers. Coordinates in degrees, or in metres with --utm-zone, place every trace on
-    the earth; otherwise the line runs straight from the origin along the heading.
+    Coordinates in the trace headers, in degrees, or in metres with --utm-zone, give the position of every trace.
+    Without them the line is straight, from the local origin along the heading.
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE", help="the recording")]
     output: Output
     sample_interval_ns: float | None = None
-    """two-way travel time between samples; needed if the header has no plausible one (picoseconds, 10 to 2000)"""
+    """two-way travel time between samples; needed if the header has no plausible value (10 to 2000 ps)"""
     time_zero_ns: float = 0.0
     """time from the first sample to time zero"""
     utm_zone: str | None = None
     """UTM zone of coordinates in metres, such as 19N"""
     length_m: float | None = None
-    """length of the line, if measured by tape; the headers' coordinates are then ignored"""
+    """length of the line, if measured by tape; replaces the coordinates of the headers"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -535,34 +535,33 @@ class ImportSegy:
                 force=self.force,
             )
         for note in notes:
-            _tell(f"note: {note}")
+            say(f"note: {note}")
         finished(self.output)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportLines(_FoundInTraces):
-    """Lines of a survey (DT1, DZT, rd3, rd7, iprb or SEG-Y) as one drive log.
+    """Import parallel lines of a survey (DT1, DZT, rd3, rd7, iprb or SEG-Y) as one drive log.
 
-    Their places come from a tape (--lines-at-m or --line-spacing-m), or from files next to them: a topography
-    (topo_NAME.txt, NAME.xyz or NAME.csv: a row of N, E, Z for each trace) or a receiver's (.GPS, .DZG, .cor); those of
-    SEG-Y lines also from the coordinates of their headers. Time zero, sign, direction and start of each line are
-    estimated from its traces and listed.
+    Line positions come from tape measurements (--lines-at-m or --line-spacing-m), from files in the same folder, or
+    from SEG-Y headers. Such files are topography (topo_NAME.txt, NAME.xyz or NAME.csv: N, E, Z of each trace) and GNSS
+    (.GPS, .DZG, .cor). Time zero, sign, direction and start of each line are estimated from the traces and listed.
     """
 
     files: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="FILE...", help="the lines, leftmost first, with their header files next to them"),
+        arg(metavar="FILE...", help="lines, leftmost first, with header files in the same folder"),
     ]
     line_spacing_m: float | None = None
     """distance between neighbouring lines"""
     lines_at_m: tuple[float, ...] | None = None
-    """place of each line to the right of the site's origin, such as 0 0.25 0.5 1.0"""
+    """position of each line, to the right of the local origin, such as 0 0.25 0.5 1.0"""
     first_line_m: float = 0.0
-    """with --line-spacing-m: distance of the first line to the right of the site's origin"""
+    """with --line-spacing-m: position of the first line, to the right of the local origin"""
     polarity: Literal["auto", "keep"] = "auto"
-    """auto: lines with a sign opposite to the majority are inverted; keep: as recorded"""
+    """auto: invert lines with a sign opposite to the majority; keep: as recorded"""
     sample_interval_ns: float | None = None
-    """two-way travel time between samples of SEG-Y lines, if missing in their headers"""
+    """two-way travel time between samples of SEG-Y lines, if the headers do not contain it"""
 
     def run(self) -> None:
         """Import."""

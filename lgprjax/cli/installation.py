@@ -20,7 +20,7 @@ from lgprjax.machine import usable_cores
 
 _EXTRA_FOR = {
     "batch": "register --scheduler",
-    "bench": "the peers of python -m benchmarks",
+    "bench": "peer programs of python -m benchmarks",
     "docs": "make docs",
     "gis": "cover export to GeoPackage",
     "lint": "make lint, make types",
@@ -41,10 +41,10 @@ class InstallationFinding:
     """Result of a check.
 
     Attributes:
-        name: of the item.
-        found: in words.
-        verdict: absent: not installed, which is no error; bad: lgprjax cannot be relied on.
-        advice: what to do; empty if nothing is needed.
+        name: name of the item.
+        found: version or state in words.
+        verdict: good; absent: not installed, not an error; look: inspect; bad: lgprjax cannot be used.
+        advice: corrective action; empty if none is needed.
     """
 
     name: str
@@ -54,20 +54,20 @@ class InstallationFinding:
 
 
 def look_at_packages() -> list[InstallationFinding]:
-    """lgprjax itself, the packages it needs, and those of its extras."""
+    """lgprjax, its required packages, and the packages of its extras."""
     try:
         required = [Requirement(line) for line in metadata.requires("lgprjax") or ()]
         own = InstallationFinding("lgprjax", metadata.version("lgprjax"), "good")
     except metadata.PackageNotFoundError:
-        advice = "it runs from a source tree; install it: make demo, or pip install ."
+        advice = "running from a source tree; install it: make demo, or pip install ."
         return [InstallationFinding("lgprjax", f"{lgprjax.__version__}, not installed", "look", advice), *_data()]
     core = [requirement for requirement in required if requirement.marker is None]
     findings = [own, *(_core(requirement) for requirement in core)]
     extras = sorted(metadata.metadata("lgprjax").get_all("Provides-Extra") or ())
     for extra in extras:
-        of_it = [r for r in required if r.marker is not None and r.marker.evaluate({"extra": extra})]
+        needed = [r for r in required if r.marker is not None and r.marker.evaluate({"extra": extra})]
         if extra not in _FOR_DEVELOPERS:
-            findings.append(_extra(extra, of_it))
+            findings.append(_extra(extra, needed))
     return [*findings, *_data()]
 
 
@@ -97,7 +97,7 @@ def _extra(extra: str, requirements: list[Requirement]) -> InstallationFinding:
     if len(there) == len(versions):
         return InstallationFinding(name, ", ".join(f"{package} {found}" for package, found in there.items()), "good")
     missing = ", ".join(package for package in versions if package not in there)
-    # Others install some of these packages too: an incomplete extra counts as absent.
+    # Other software installs some of these packages too: an incomplete extra counts as absent.
     return InstallationFinding(name, f"missing: {missing}", "absent", advice)
 
 
@@ -109,7 +109,7 @@ def _version(package: str) -> str | None:
 
 
 def _data() -> list[InstallationFinding]:
-    """The formats as data, without which no file can be read."""
+    """The data schemas, which every reader needs."""
     from lgprjax.formats.schema import load_schema
 
     names = ("drive", "map", "fixes", "route", "vehicle")
@@ -124,7 +124,7 @@ def _data() -> list[InstallationFinding]:
 
 _START_S = 120.0
 _LEAST_MEMORY_GB, _LEAST_DISK_GB = 4.0, 2.0
-# In a process of its own: a driver that hangs or crashes must not take the doctor with it.
+# In a separate process: a driver may hang or crash.
 _PROBE = """
 import jax, jax.numpy as jnp, numpy as np
 device = jax.devices()[0]
@@ -137,7 +137,7 @@ _LARGEST_ERROR = 0.05
 
 
 def look_at_machine() -> list[InstallationFinding]:
-    """Everything that can be checked without a file of the user."""
+    """Checks of this machine that need no input file."""
     findings = [_device(), _cores(), _memory(), _disk(), _projection(), _picture(), _real_time()]
     return [*findings, *_environment()]
 
@@ -163,17 +163,17 @@ def _device() -> InstallationFinding:
 def _cores() -> InstallationFinding:
     cores = usable_cores()
     if cores < 2:
-        return InstallationFinding("cores", str(cores), "look", "lgprjax run wants two at least")
+        return InstallationFinding("cores", str(cores), "look", "lgprjax run needs at least two")
     return InstallationFinding("cores", str(cores), "good")
 
 
 def _memory() -> InstallationFinding:
     if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
-        return InstallationFinding("memory", "not known", "absent")
+        return InstallationFinding("memory", "unknown", "absent")
     total_gb = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
     if total_gb < _LEAST_MEMORY_GB:
         return InstallationFinding(
-            "memory", f"{total_gb:.1f} GB", "look", f"{_LEAST_MEMORY_GB:g} GB are little for maps of arrays"
+            "memory", f"{total_gb:.1f} GB", "look", f"at least {_LEAST_MEMORY_GB:g} GB recommended for maps of arrays"
         )
     return InstallationFinding("memory", f"{total_gb:.1f} GB", "good")
 
@@ -185,9 +185,9 @@ def _disk() -> InstallationFinding:
         with tempfile.TemporaryFile(dir=here) as file:
             file.write(b"lgprjax")
     except OSError as error:
-        return InstallationFinding("disk", f"{here}: {error.strerror}", "look", "outputs must be written elsewhere")
+        return InstallationFinding("disk", f"{here}: {error.strerror}", "look", "choose another folder for outputs")
     if free_gb < _LEAST_DISK_GB:
-        return InstallationFinding("disk", f"{free_gb:.1f} GB free", "look", "a drive of an array is 0.5 MB a second")
+        return InstallationFinding("disk", f"{free_gb:.1f} GB free", "look", "an array records 0.5 MB per second")
     return InstallationFinding("disk", f"{free_gb:.1f} GB free in this folder", "good")
 
 
@@ -222,9 +222,7 @@ def _picture() -> InstallationFinding:
 def _real_time() -> InstallationFinding:
     """Only the onboard runtime needs it."""
     if sys.platform != "linux":
-        return InstallationFinding(
-            "real-time priority", "not on this system", "absent", "lgprjax run goes on without it"
-        )
+        return InstallationFinding("real-time priority", "not on this system", "absent", "lgprjax run works without it")
     import resource
 
     allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[1]
@@ -235,14 +233,14 @@ def _real_time() -> InstallationFinding:
 
 
 def _environment() -> list[InstallationFinding]:
-    """Variables that change JAX's results, or the place of its compilation cache."""
+    """Environment variables that change JAX results or the compilation cache."""
     findings = []
     if os.environ.get("JAX_ENABLE_X64", "0").lower() in {"1", "true"}:
-        advice = "unset it: lgprjax is tested in float32"
+        advice = "unset it; lgprjax is tested in float32"
         findings.append(InstallationFinding("JAX_ENABLE_X64", os.environ["JAX_ENABLE_X64"], "look", advice))
     cache = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if cache is not None:
         usable = os.access(cache, os.W_OK) if Path(cache).exists() else os.access(Path(cache).parent, os.W_OK)
-        advice = "" if usable else "it cannot be written: everything is recompiled each time"
+        advice = "" if usable else "not writable: every command compiles its programs again"
         findings.append(InstallationFinding("JAX_COMPILATION_CACHE_DIR", cache, "good" if usable else "look", advice))
     return findings

@@ -1,6 +1,6 @@
-"""Options of a verb as people read and type them, from its dataclass: annotations, defaults, the text below each.
+"""Options of a command, read from its dataclass: annotations, defaults, the text below each field.
 
-tyro parses. What is here serves the help, the reference page and the one line that says what is wrong with a command.
+tyro parses the command. This module serves the help, the reference page and the messages about wrong usage.
 """
 
 import ast
@@ -17,6 +17,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from lgprjax.cli.terminal import UsageError
+from lgprjax.errors import InputError
 
 _WORDS = {float: ("NUMBER", "a number"), int: ("N", "a whole number"), Path: ("PATH", ""), str: ("NAME", "")}
 _HELP = ("-h", "--help")
@@ -26,13 +27,14 @@ class Option(NamedTuple):
     """An option, or a positional argument.
 
     Attributes:
-        names: as typed, short ones first; one without dashes for a positional argument.
-        metavar: what stands for its values; empty for a flag.
-        text: what it does.
-        default: as people write it; empty where there is none to tell.
-        values: how many words it takes: 0 for a flag, None for any number.
+        names: names as typed, short ones first; a single name without dashes for a positional argument.
+        metavar: placeholder of its values; empty for a flag.
+        text: effect of the option.
+        default: default value as typed; empty if there is none to show.
+        required: whether the command needs it.
+        values: number of words; 0 for a flag, None for any number.
         reads: types of a value.
-        choices: words that are allowed beside.
+        choices: further words that are accepted.
     """
 
     names: tuple[str, ...]
@@ -46,11 +48,11 @@ class Option(NamedTuple):
 
     @property
     def positional(self) -> bool:
-        """Whether it has no name of its own in a command."""
+        """Whether it is typed without a name."""
         return not self.names[-1].startswith("-")
 
     def accepts(self, word: str) -> bool:
-        """Whether a word can be read as a value."""
+        """Whether a word is a valid value."""
         if word in self.choices:
             return True
         for kind in self.reads:
@@ -63,12 +65,12 @@ class Option(NamedTuple):
         return False
 
     def suffix(self) -> str:
-        """How the name of an output must end, as its metavar does: X.drive.h5; empty where it may end in anything."""
+        """Required suffix of an output, from its metavar, such as .drive.h5; empty if any suffix is accepted."""
         named = re.fullmatch(r"[A-Z]+(\.[a-z0-9.]+)", self.metavar)
         return named[1] if named is not None and "--output" in self.names else ""
 
     def expected(self) -> str:
-        """What a value may be, in words."""
+        """Accepted values in words."""
         kinds = [_WORDS[kind][1] for kind in self.reads if _WORDS[kind][1]]
         names = [*self.choices, *kinds]
         return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " or " + names[-1]
@@ -76,7 +78,7 @@ class Option(NamedTuple):
 
 @cache
 def options_of(verb: type) -> tuple[Option, ...]:
-    """Options of a verb's dataclass, its nested dataclasses' among them, in their order."""
+    """Options of a command's dataclass and of its nested dataclasses, in order."""
     return tuple(_options(verb))
 
 
@@ -111,7 +113,7 @@ def _unwrapped(kind: Any) -> tuple[Any, list[Any]]:
 
 
 def _values(kind: Any) -> tuple[int | None, tuple[type, ...], tuple[str, ...]]:
-    """How many values, the types of one, and words that are allowed beside."""
+    """Number of values, types of a value, and further accepted words."""
     if kind is bool:
         return 0, (), ()
     if get_origin(kind) in (Union, types.UnionType):
@@ -140,7 +142,7 @@ def _in_words(default: object) -> str:
 
 
 def _texts_below(verb: type) -> dict[str, str]:
-    """The string below each field, as in the class and in those that it is made from."""
+    """The string below each field of a class and of its base classes."""
     found: dict[str, str] = {}
     for part in reversed(verb.__mro__[:-1]):
         (tree,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
@@ -153,27 +155,81 @@ def _texts_below(verb: type) -> dict[str, str]:
     return found
 
 
-# What is wrong with a command, before it is parsed.
+# Old names of options.
+
+
+class Renamed(NamedTuple):
+    """An option with an old name, which works until the next minor version.
+
+    Attributes:
+        verbs: commands that have the option.
+        old, new: names.
+        value: pattern of the values for which the new name applies; empty for all values.
+    """
+
+    verbs: tuple[str, ...]
+    old: str
+    new: str
+    value: str = ""
+
+
+_RENAMED = (
+    Renamed(("import signals",), "--map", "--columns"),
+    Renamed(("cover record", "cover export"), "--confidence", "--level"),
+    Renamed(("import gprmax",), "--start-m", "--first-trace-m"),
+    Renamed(
+        tuple(f"import {name}" for name in ("dt1", "dzt", "mala", "lines")),
+        "--time-zero",
+        "--time-zero-ns",
+        r"[-+\d.].*",
+    ),
+)
+_REMOVED_IN = "0.3"
+
+
+def current_names(verb: str, words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Words of a command with the current names of its options, and a line for each old name."""
+    renamed = {each.old: each for each in _RENAMED if verb in each.verbs}
+    current, notes = list(words), list[str]()
+    for place, word in enumerate(words):
+        typed, joined, value = word.partition("=")
+        found = renamed.get(typed.replace("_", "-"))
+        if found is None:
+            continue
+        if not joined:
+            value = words[place + 1] if place + 1 < len(words) else ""
+        if not found.value or re.fullmatch(found.value, value):
+            current[place] = f"{found.new}={value}" if joined else found.new
+            notes.append(f"{found.old} of {verb} is now {found.new}; lgprjax {_REMOVED_IN} removes the old name")
+    return current, notes
+
+
+# Checks of a command before it is parsed.
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
-    """A question that names the word that was probably meant; empty where none resembles it."""
+    """A question that suggests a similar word; empty if no word is similar."""
     found = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     return f"; did you mean {found[0]}?" if found else ""
 
 
 def check_words(verb: type, words: Sequence[str], others: Mapping[str, type] = MappingProxyType({})) -> None:
-    """Refuse words that a verb cannot take. Raises ``UsageError`` with a line that says what to type.
+    """Check the words of a command.
 
     Args:
-        verb: the verb.
-        words: that follow it.
-        others: further verbs by name, for an option that is one of theirs.
+        verb: dataclass of the command.
+        words: words after the command's name.
+        others: other commands by name, to name the command that has an unknown option.
+
+    Raises:
+        UsageError: a word is wrong or an option is missing; the line says what to type.
+        InputError: an option is missing, and so is an input file: the file is reported first.
     """
     options = options_of(verb)
     named = {name: option for option in options if not option.positional for name in option.names}
-    told: set[Option] = set()
+    given: set[Option] = set()
     free: list[str] = []
+    paths: list[str] = []
     rest = list(words)
     while rest:
         word = rest.pop(0)
@@ -187,19 +243,45 @@ def check_words(verb: type, words: Sequence[str], others: Mapping[str, type] = M
         option = named.get(name)
         if option is None:
             raise UsageError(f"{typed}: no such option{nearest(name, list(named)) or _whose(name, others)}")
-        told.add(option)
-        _check_values(typed, option, [value] if joined else _taken(option, rest))
-    _check_positionals([option for option in options if option.positional], free)
-    missing = [option for option in options if option.required and not option.positional and option not in told]
+        given.add(option)
+        values = [value] if joined else _taken(option, rest)
+        _check_values(typed, option, values)
+        if option.reads == (Path,) and option.names[-1] not in OUTPUTS:
+            paths += values
+    positional = [option for option in options if option.positional]
+    _check_positionals(positional, free)
+    missing = [option for option in options if option.required and not option.positional and option not in given]
     if missing:
+        _check_inputs([*_input_paths(positional, free), *paths])
         option = missing[0]
         raise UsageError(f"{option.names[0]} {option.metavar} is needed: {option.text}")
 
 
+OUTPUTS = ("--output", "--json", "--picture")
+"""Options that name files to write."""
+
+
+def _input_paths(positional: Sequence[Option], free: Sequence[str]) -> Iterator[str]:
+    """Words of positional arguments that name input files or folders."""
+    rest = list(free)
+    for option in positional:
+        words = rest if option.values is None else rest[: option.values]
+        rest = rest[len(words) :]
+        # SITE may be the name of an example.
+        if option.reads == (Path,) and option.metavar != "SITE":
+            yield from words
+
+
+def _check_inputs(paths: Sequence[str]) -> None:
+    for path in paths:
+        if not Path(path).exists():
+            raise InputError(path, "file", "a readable file", "No such file or directory")
+
+
 def _whose(name: str, others: Mapping[str, type]) -> str:
-    """The verbs that have an option of this name."""
+    """The commands that have an option of this name."""
     have = [verb for verb, kind in others.items() if any(name in option.names for option in options_of(kind))]
-    return f"; it is one of {' and '.join(have)}" if 0 < len(have) <= 3 else ""
+    return f"; it is an option of {' and '.join(have)}" if 0 < len(have) <= 3 else ""
 
 
 def _is_option(word: str) -> bool:
@@ -207,7 +289,7 @@ def _is_option(word: str) -> bool:
 
 
 def _taken(option: Option, rest: list[str]) -> list[str]:
-    """The values of an option, taken from the words behind it."""
+    """Values of an option, removed from the words after it."""
     taken: list[str] = []
     while rest and (option.values is None or len(taken) < option.values) and not _is_option(rest[0]):
         taken.append(rest.pop(0))
@@ -217,7 +299,7 @@ def _taken(option: Option, rest: list[str]) -> list[str]:
 def _check_values(typed: str, option: Option, values: list[str]) -> None:
     needed = 1 if option.values is None else option.values
     if len(values) < needed:
-        found = f"found {' '.join(values)}" if values else "found nothing after it"
+        found = f"found {' '.join(values)}" if values else "found none"
         count = f"{needed} values, " if needed > 1 else ""
         raise UsageError(f"{typed}: expected {count}{option.metavar}, {found}")
     for value in values:
@@ -230,13 +312,13 @@ def _check_values(typed: str, option: Option, values: list[str]) -> None:
 
 
 def _hint(value: str) -> str:
-    """What to leave out of a number that is none; empty where it is no number with something beside it."""
+    """Correction of a malformed number; empty if the word does not resemble a number."""
     if re.fullmatch(r"[-+]?\d+,\d+", value):
-        return "; write a point, not a comma"
+        return "; use a decimal point, not a comma"
     if re.fullmatch(r"[-+]?\d+(\.\d*)?([,;][-+]?\d+(\.\d*)?)+", value):
-        return "; put blanks between numbers"
+        return "; separate numbers by spaces"
     if re.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)? *[A-Za-z%°µ/]+", value):
-        return "; leave out the unit"
+        return "; omit the unit"
     return ""
 
 

@@ -1,4 +1,4 @@
-"""Runs in real time: whether this machine keeps it, measured, not guessed from its cores, and when one is over."""
+"""Runs in real time: a measurement of whether this machine keeps real time, and the end of a run."""
 
 import multiprocessing
 import os
@@ -17,25 +17,26 @@ import numpy as np
 
 from lgprjax.autopilot import Mode
 from lgprjax.cli.installation import InstallationFinding
+from lgprjax.cli.terminal import say
 from lgprjax.run_segment import segments_of
 from lgprjax.runtime.timeline import read_timeline
 
 _SECONDS, _PERIOD_S = 1.0, 0.02
 _SIZE = 96
 _UNITS = (30, 80, 110)
-"""Work a period of control loop, registration and simulated devices, each on a process of its own, in products of two
-matrices of 96 x 96: what the three take of a core in the quick start at 126 scans a second, measured beside it."""
+"""Work per period of control loop, registration and simulated devices, each in its own process, in products of two
+96 x 96 matrices: the measured load of the quick start at 126 scans per second."""
 _LATE_S = 0.06
-"""A period begun later than this looks like a device that fails (its line counts as silent after 0.1 s)."""
+"""A later start of a period looks like a failed device (its port counts as silent after 0.1 s)."""
 _BEHIND = 0.02
 
 
 class RealTime(NamedTuple):
-    """What a second of work as on board found.
+    """Result of one second of the work on board.
 
     Attributes:
-        largest_late_s: by which a period began late at the worst.
-        behind: share of the periods that began later than they should end.
+        largest_late_s: largest delay of the start of a period.
+        behind: share of the periods that started after their scheduled end.
     """
 
     largest_late_s: float
@@ -43,18 +44,18 @@ class RealTime(NamedTuple):
 
     @property
     def keeps(self) -> bool:
-        """Whether the simulated devices and the runtime can run in real time now."""
+        """Whether simulated devices and runtime can run in real time now."""
         return self.largest_late_s < _LATE_S and self.behind < _BEHIND
 
     @property
     def line(self) -> str:
-        """For a person."""
-        found = f"{100.0 * self.behind:.0f} % of the periods were missed, {self.largest_late_s:.2f} s late at the worst"
-        return f"this machine keeps real time ({found})" if self.keeps else f"this machine is too busy or slow: {found}"
+        """The result in words."""
+        found = f"{100.0 * self.behind:.0f} % of the periods missed, delay up to {self.largest_late_s:.2f} s"
+        return f"this machine {'keeps real time' if self.keeps else 'is too busy or too slow'} ({found})"
 
 
 def measure_real_time(seconds: float = _SECONDS) -> RealTime:
-    """Run three processes with the work of a simulated run beside each other, and look how late they come."""
+    """Run three processes with the work of a simulated run and measure their delays."""
     context = multiprocessing.get_context("spawn")
     pipes = [context.Pipe() for _ in _UNITS]
     processes = [
@@ -79,7 +80,7 @@ def measure_real_time(seconds: float = _SECONDS) -> RealTime:
 
 
 def _work(units: int, seconds: float, pipe: Connection) -> None:
-    """A process of the three: periods of fixed work, and how late each began."""
+    """One of the three processes: periods of fixed work, with the delay of each."""
     left = np.random.default_rng(0).normal(size=(_SIZE, _SIZE)).astype(np.float32)
     _product(left)
     pipe.send("ready")
@@ -92,24 +93,24 @@ def _work(units: int, seconds: float, pipe: Connection) -> None:
             _product(left)
         due_s += _PERIOD_S
         if time.monotonic() > end_s + seconds:
-            # So far behind that more of it tells nothing but how far.
+            # Far too late: stop and record the delay.
             late.append(time.monotonic() - due_s)
             break
     pipe.send(np.array(late))
 
 
 def _product(left: np.ndarray) -> None:
-    # Row by row, so that no library spreads it over threads.
+    # Row by row, so that no library uses several threads.
     for row in left:
         row @ left
 
 
-# A simulated run in real time ends when its vehicle has arrived, as one in lock step does, or when it never will.
+# A simulated run in real time ends on arrival, as in lock step, or when arrival has become impossible.
 
 _LOOK_S = 0.5
 _AFTER_ARRIVAL_S = 2.0
 _STUCK_S = 30.0
-"""Without READY so long after all processes are ready, or in ERROR: the system checks give up after 12 s."""
+"""Limit without READY after all processes are ready, or in ERROR: the system checks give up after 12 s."""
 _ENDS = b'"ROUTE_OFF"'  # in the record of an event by which a route or a plan ends
 _MODE = re.compile(rb'"mode": "([A-Z_]+)"')
 _OVERLAP = 32
@@ -117,13 +118,13 @@ _OVERLAP = 32
 
 
 class RunWatch:
-    """Looks at a recording that grows, for mode and arrival: at the new bytes alone, so that it costs nothing.
+    """Monitor of a growing recording for mode and arrival. It reads only new bytes.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
 
     Attributes:
-        mode: the last one recorded; empty before the first.
+        mode: last recorded mode; empty before the first.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -154,10 +155,10 @@ class RunWatch:
 
 
 class StuckWatch:
-    """Finds that a run will never arrive: not READY for a while, or in an ERROR that nobody leaves.
+    """Detection of runs that cannot arrive: not READY for a while, or in ERROR without override.
 
     Args:
-        leaves_error: the script presses the override button, which leaves an error.
+        leaves_error: whether the script presses the override button, which leaves ERROR.
     """
 
     def __init__(self, *, leaves_error: bool) -> None:
@@ -167,11 +168,11 @@ class StuckWatch:
         self._since_s: float | None = None
 
     def look(self, mode: str, now_s: float) -> str:
-        """Why the run may be ended; empty while it may not.
+        """Reason to end the run; empty if it may continue.
 
         Args:
-            mode: of the vehicle, from the moment when all processes are ready.
-            now_s: time of this look.
+            mode: mode of the vehicle, after all processes are ready.
+            now_s: present time.
         """
         self._was_ready |= mode not in self._stuck
         if self._since_s is None or mode not in self._stuck or (self._was_ready and self._leaves_error):
@@ -185,14 +186,14 @@ class StuckWatch:
 
 @contextmanager
 def ended_when_over(folder: Path, *, leaves_error: bool) -> Iterator[threading.Event]:
-    """Ask this process to end, as Ctrl-C does, soon after the vehicle of a run has arrived, or when it never will.
+    """End this process, as Ctrl-C does, soon after arrival, or when arrival has become impossible.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         leaves_error: see ``StuckWatch``.
 
     Yields:
-        an event to be set when all processes are ready.
+        Event to set when all processes are ready.
     """
     over, ready = threading.Event(), threading.Event()
 
@@ -202,7 +203,7 @@ def ended_when_over(folder: Path, *, leaves_error: bool) -> Iterator[threading.E
             if found.arrived():
                 over.wait(_AFTER_ARRIVAL_S)
             elif ready.is_set() and (why := stuck.look(found.mode, time.monotonic())):
-                print(f"ended early: {why}", flush=True)
+                say(f"ended early: {why}")
             else:
                 continue
             if not over.is_set():
@@ -221,27 +222,27 @@ def ended_when_over(folder: Path, *, leaves_error: bool) -> Iterator[threading.E
 # The search of registration itself, for ``lgprjax doctor --onboard``.
 
 SCANS_HZ = 126.0
-"""Scans a second of an array on board."""
+"""Scans per second of an array on board."""
 _SPARE = 1.5
-"""Times as many a search must reach alone: beside it run control loop, recorder and, simulated, the devices."""
+"""Required reserve of the search alone: control loop, recorder and simulated devices run at the same time."""
 
 
 def look_at_onboard() -> list[InstallationFinding]:
-    """Whether this machine can search 126 scans a second, and whether it keeps time."""
+    """Whether this machine registers 126 scans per second and keeps real time."""
     scans_hz = measure_search()
-    found = f"{scans_hz:.0f} scans a second searched, {SCANS_HZ:.0f} asked"
+    found = f"{scans_hz:.0f} scans per second registered, {SCANS_HZ:.0f} required"
     if scans_hz >= _SPARE * SCANS_HZ:
-        search = InstallationFinding("onboard search", found, "good")
+        search = InstallationFinding("onboard registration", found, "good")
     else:
-        least = f"{_SPARE * SCANS_HZ:.0f} leave room for the rest; radar.scan_period_us asks the radar for fewer"
-        search = InstallationFinding("onboard search", found, "look", least)
+        least = f"{_SPARE * SCANS_HZ:.0f} leave a reserve; a longer radar.scan_period_us reduces the scan rate"
+        search = InstallationFinding("onboard registration", found, "look", least)
     kept = measure_real_time()
-    advice = "" if kept.keeps else "end what else runs; lgprjax run --simulate goes on in lock step"
+    advice = "" if kept.keeps else "stop other programs; lgprjax run --simulate uses simulated time (lock step)"
     return [search, InstallationFinding("real time", kept.line, "good" if kept.keeps else "look", advice)]
 
 
 def measure_search(seconds: float = 3.0) -> float:
-    """Scans a second of the search on board, on a course of 60 m that is made for it."""
+    """Scans per second of the onboard registration, on a simulated course of 60 m."""
     from lgprjax.formats import MapFile, read_vehicle
     from lgprjax.mapping import build_map
     from lgprjax.runtime.config import PortsTable, PortTable, RuntimeConfig

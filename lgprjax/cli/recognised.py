@@ -1,4 +1,4 @@
-"""The format of an import by the files' names, and what to type where none is recognised."""
+"""Format of an import by file name, and advice for files of unknown format."""
 
 import re
 from collections.abc import Sequence
@@ -12,20 +12,20 @@ _BY_SUFFIX = {
     ".out": "gprmax",
 }
 _BY_CONTENT = {"run.npy": "grounded", "gpr_meas.csv": "cmu", "metadata.yaml": "rosbag"}
-"""File that identifies a folder's format."""
+"""Files that identify the format of a folder."""
 _TAPE = ("--line-spacing-m", "--lines-at-m", "--first-line-m")
-"""Options of lines that the formats of a single file do not have."""
+"""Options that only import lines has."""
 
 
 def recognised(arguments: Sequence[str]) -> list[str]:
     """Arguments of ``import`` with the format inserted, if files are given without one.
 
     A single SEG-Y file and the channels of one ImpulseRadar line have formats of their own, unless tape options make
-    them lines. Anything unrecognised is left as it is.
+    them lines. Arguments without a known format are returned unchanged.
     """
     words = [str(word) for word in arguments]
     formats = ("dt1", "dzt", "mala", "iprb", "segy", "lines", "grounded", "cmu", "gprmax", "mcap", "rosbag", "signals")
-    # A single word that is no file is a format misspelt.
+    # A single word that is not a file is a misspelt format.
     if not words or words[0] in formats or (re.fullmatch(r"\w[\w-]*", words[0]) and not Path(words[0]).exists()):
         return words
     outputs = {i + 1 for i, word in enumerate(words) if word in ("-o", "--output")}
@@ -56,39 +56,39 @@ _GOES_WITH = {
         (".xyz", ".csv", ".txt", ".gps", ".dzg", ".cor"), (".dt1", ".dzt", ".rd3", ".rd7", ".iprb", ".sgy")
     ),
 }
-"""Files beside a recording, and the suffixes that it may have."""
+"""Suffixes of companion files, and of their recordings."""
 _INSTEAD = {
-    **dict.fromkeys((".csv", ".parquet"), "a vehicle's signals: lgprjax import signals FILE --map COLUMNS.toml"),
+    **dict.fromkeys((".csv", ".parquet"), "vehicle signals: lgprjax import signals FILE --columns COLUMNS.toml"),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet: save it as CSV for lgprjax import signals"),
     **dict.fromkeys((".zip", ".gz", ".tar", ".7z"), "an archive: unpack it first"),
 }
 
 
 def told_instead(word: str) -> str:
-    """What a word is that names no recording, and what to do about it; empty where nothing is known of it."""
+    """Description of a file that is not a recording, with advice; empty if its type is unknown."""
     path = Path(word)
     suffix = path.suffix.lower()
     stem = path.stem.lower().removeprefix("topo_")
     try:
         if path.is_dir():
             there = sorted(each for each in path.iterdir() if each.suffix.lower() in _BY_SUFFIX)
-            return f"a folder: name the files in it, such as {there[0]}" if there else "a folder without any"
-        beside = [
+            return f"a folder: name the files in it, such as {there[0]}" if there else "a folder without recordings"
+        recordings = [
             each
             for each in sorted(path.parent.iterdir())
             if each.stem.lower() == stem and each.suffix.lower() in _GOES_WITH.get(suffix, ())
         ]
-    except OSError:  # a folder that may not be read
+    except OSError:  # unreadable folder
         return ""
-    if beside:
-        return f"a file that goes with {beside[0].name}: name that"
+    if recordings:
+        return f"a companion file of {recordings[0].name}: name that file"
     if path.name.endswith((".drive.h5", ".map.h5")):
         return f"{'a drive log' if path.name.endswith('.drive.h5') else 'a map'}, which needs no import"
     if suffix in _INSTEAD:
         return _INSTEAD[suffix]
-    return "a file that goes with a recording: name that" if suffix in _GOES_WITH and suffix != ".txt" else ""
+    return "a companion file of a recording: name the recording" if suffix in _GOES_WITH and suffix != ".txt" else ""
 
 
 def recording_suffixes() -> str:
-    """Endings of the recordings that are recognised, in words."""
+    """Suffixes of the recognised recordings, in words."""
     return ", ".join(_BY_SUFFIX)

@@ -8,7 +8,7 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import UsageError, console
+from lgprjax.cli.terminal import UsageError, console, counted, verdict
 
 _TEN_MPH = 4.47
 _SUFFIX = ".route.toml"
@@ -16,13 +16,13 @@ _SUFFIX = ".route.toml"
 
 @dataclass(frozen=True)
 class RouteList:
-    """List the routes of a subsurface database, one for each baseline."""
+    """List the routes of a map, one for each baseline."""
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace that file if it exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Print."""
@@ -33,7 +33,7 @@ class RouteList:
             routes = routes_of(source)
             frame = source.description.frame
         figures = []
-        table = Table("route", "length m", "from", "heading deg", "ends where it began", title=self.file.name)
+        table = Table("route", "length m", "start", "heading deg", "closed", title=self.file.name)
         for route in routes:
             first = route.track.points_m[:1]
             latitude, longitude, _ = frame.to_geodetic(first[:, 0], first[:, 1], first[:, 0] * 0.0)
@@ -55,36 +55,40 @@ class RouteList:
         console.print(table)
         if self.json is not None:
             write_figures(self.json, {"map": self.file.name, "routes": figures}, force=self.force)
+        name = routes[0].name if routes else "ROUTE"
+        verdict(
+            f"{counted(len(routes), 'route')} in {self.file}", f"route select {self.file} {name} -o {name}.route.toml"
+        )
 
 
 @dataclass(frozen=True)
 class RouteSelect:
-    """Select a route, or a stretch of it, with direction and speed.
+    """Write a route file: a route of a map, or a section of it, with direction and speed.
 
-    The route is checked at once, so that one that cannot be driven is refused here. The selection is valid as long as
-    the database is unchanged.
+    The command checks the route and rejects one that the vehicle cannot drive. The route file is valid as long as the
+    map is unchanged.
     """
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="the database, M.map.h5")]
-    route: Annotated[Positional[str], arg(metavar="ROUTE", help="name as route list shows it")]
+    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
+    route: Annotated[Positional[str], arg(metavar="ROUTE", help="name of the route, from route list")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.route.toml", help="route file to write")]
     from_m: float = 0.0
-    """start of the stretch, metres along the route as recorded"""
+    """start of the section, in metres along the recorded route"""
     to_m: float | None = None
-    """end of the stretch; default: the route's end"""
+    """end of the section; default: the end of the route"""
     against: bool = False
-    """drive from the stretch's end to its beginning"""
+    """drive the section backward, from its end to its start"""
     cruise_mps: float = _TEN_MPH
-    """highest speed"""
+    """maximum speed"""
     lateral_mps2: float = 1.5
-    """highest lateral acceleration: bends are driven more slowly"""
+    """maximum lateral acceleration; limits the speed in bends"""
     vehicle: Path | None = None
-    """vehicle file; bends tighter than it can drive are refused"""
+    """vehicle file; bends tighter than its turning radius are rejected"""
     force: bool = False
-    """replace an output that exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
-        """Choose."""
+        """Select."""
         from lgprjax.files import file_hash
         from lgprjax.formats import MapFile, RouteFile, write_route
         from lgprjax.mapping import lay_route, route_named
@@ -109,22 +113,20 @@ class RouteSelect:
         metres = float(laid.legs.length_m[:legs].sum())
         slowest = float(laid.speed_mps[:legs].min())
         text = f"{metres:.1f} m in {legs} leg{'s' if legs > 1 else ''}, {slowest:.3g} to {self.cruise_mps:.3g} m/s"
-        console.print(f"wrote {self.output}: {text}", highlight=False, markup=False, soft_wrap=True)
+        verdict(f"wrote {self.output}: {text}", f"route export {self.output} -o waypoints.gpx")
 
 
 @dataclass(frozen=True)
 class RouteExport:
-    """Export waypoints of a route in WGS-84 with heading, arc length, curvature, speed and gear, every quarter of a
-    metre.
-    """
+    """Write waypoints of a route every 0.25 m: WGS-84 position, heading, arc length, curvature, speed and gear."""
 
-    file: Annotated[Positional[Path], arg(metavar="X.route.toml|MAP", help="a route file, or a database with ROUTE")]
+    file: Annotated[Positional[Path], arg(metavar="X.route.toml|MAP", help="route file, or map and ROUTE")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="F", help="waypoints to write: .csv, .geojson or .gpx")]
     route: Annotated[
-        Positional[str | None], arg(metavar="ROUTE", help="name of the route, if the first argument is a database")
+        Positional[str | None], arg(metavar="ROUTE", help="name of the route, if the first argument is a map")
     ] = None
     force: bool = False
-    """replace an output that exists"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Export."""
@@ -134,19 +136,17 @@ class RouteExport:
         chosen = None
         if self.file.name.endswith(_SUFFIX):
             if self.route is not None:
-                raise UsageError("ROUTE: expected none with a route file, which names its own")
+                raise UsageError("ROUTE: expected none with a route file")
             chosen = read_route(self.file)
             require_map(chosen, self.file)
         elif self.route is None:
-            raise UsageError("ROUTE: expected the name of one (lgprjax route list), found none")
+            raise UsageError("ROUTE: expected the name of a route (lgprjax route list), found none")
         with MapFile.open(self.file if chosen is None else chosen.map) as source:
             if chosen is None:
                 assert self.route is not None
                 length_m = route_named(source, self.route).length_m
-                # The whole baseline at ten miles an hour: the defaults of route select.
+                # The whole baseline at 10 mph: the defaults of route select.
                 chosen = RouteFile(self.file, "", self.route, 0.0, length_m, "along", _TEN_MPH, 1.5, None)
             waypoints = waypoints_of(lay_route(chosen, source, file=self.file), source)
         write_waypoints(self.output, chosen.route, waypoints, force=self.force)
-        console.print(
-            f"wrote {self.output}: {len(waypoints.leg)} waypoints", highlight=False, markup=False, soft_wrap=True
-        )
+        verdict(f"wrote {self.output}: {len(waypoints.leg)} waypoints")

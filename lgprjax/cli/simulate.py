@@ -1,4 +1,4 @@
-"""``lgprjax simulate`` and ``lgprjax demo``: drive logs of a generated site, and the demonstration."""
+"""``lgprjax simulate`` and ``lgprjax demo``: drive logs of a synthetic site, and the demonstration."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.terminal import console, progress_bar, working
+from lgprjax.cli.terminal import console, counted, progress_bar, say, verdict, working
 from lgprjax.files import make_folder
 
 if TYPE_CHECKING:
@@ -16,21 +16,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Simulate:
-    """Generate drive logs from a site file: a road, the ground below it, days and drives.
+    """Generate drive logs of a synthetic site: road, ground, days and drives.
 
-    The exact position of every scan is stored in the log as /truth. The same file gives the same drives. sites/ has
-    examples; docs/scene.md lists the keys and describes what is modelled and what is not. A file of kind
-    "vehicle_drives" gives calibration drives of a vehicle, without radar: tuning/drives.toml is one.
+    The log stores the true position of every scan as /truth. The same file gives the same drives. lgprjax examples
+    copies example sites; docs/scene.md describes the keys and the model. A file of kind "vehicle_drives", such as
+    tuning/drives.toml, gives calibration drives of a vehicle without radar.
     """
 
     site: Annotated[
         Positional[Path],
-        arg(metavar="SITE", help="the site file, the drives file, or an example site's name: village"),
+        arg(metavar="SITE", help="site file, drives file, or the name of an example site: village"),
     ]
-    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for NAME.drive.h5, one for each drive")]
-    only: Annotated[tuple[str, ...], arg(metavar="NAME...", help="write these drives only")] = ()
+    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for NAME.drive.h5 of each drive")]
+    only: Annotated[tuple[str, ...], arg(metavar="NAME...", help="write only these drives")] = ()
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Plan all drives, then render them."""
@@ -48,7 +48,8 @@ class Simulate:
         with progress_bar("rendering drives", scans) as progress:
             paths = write_site(planned, self.output, force=self.force, progress=progress)
         _print_written(planned, paths)
-        console.print(f"drive logs: {self.output}", highlight=False, markup=False, soft_wrap=True)
+        first = next(iter(paths.values()))
+        verdict(f"{counted(len(paths), 'drive log')} in {self.output}", f"map build {first} -o M.map.h5")
 
     def _drive_vehicle(self, file: Path) -> None:
         from lgprjax.simulation import read_vehicle_plan, write_vehicle_logs
@@ -57,20 +58,20 @@ class Simulate:
         with progress_bar("driving", len(self.only or plan.drives), "drives") as progress:
             paths = write_vehicle_logs(plan, self.output, only=self.only, force=self.force, progress=progress)
         title = f"vehicle {plan.serial_number or 'without serial number'}"
-        table = Table("drive", "time", "file size", title=title)
+        table = Table("drive", "duration", "file size", title=title)
         for drive in plan.drives:
             if drive.name in paths:
                 size = f"{paths[drive.name].stat().st_size / 1e6:.2f} MB"
                 table.add_row(drive.name, f"{drive.manoeuvre.time_s[-1]:.1f} s", size)
         console.print(table)
-        console.print(f"drive logs: {self.output}", highlight=False, markup=False, soft_wrap=True)
+        verdict(f"{counted(len(paths), 'drive log')} in {self.output}", f"check {next(iter(paths.values()))} --health")
 
 
 def _print_written(planned: "PlannedSite", paths: dict[str, Path]) -> None:
     site = planned.scene.site
     what = "traces" if site.sweeps is None else "sweeps"
     title = f"{site.header.name}: {site.array.channels} channels of {what}, seed {site.header.seed}"
-    table = Table("drive", "day", "scans", "length", "time", "ground", "file size", title=title)
+    table = Table("drive", "day", "scans", "length", "duration", "ground", "file size", title=title)
     for column in (2, 3, 4, 6):
         table.columns[column].justify = "right"
     for entry in planned.drives:
@@ -82,22 +83,21 @@ def _print_written(planned: "PlannedSite", paths: dict[str, Path]) -> None:
     console.print(table)
 
 
-# ``lgprjax demo``: the whole workflow on a generated site, with a report.
+# ``lgprjax demo``: the workflow on a synthetic site, with a report.
 
-_INTRO = """Two drives over a generated road, 0.3 m to the left and right of its middle, make a map of the ground.
-A third drive, on another day and 0.2 m to the left, is located against it from radar alone; its GNSS is wrong by a
-metre. A fourth drive follows the same line over other ground, as if the map were of another road: none of its scans
-may be called ok.
+_INTRO = """Two drives over a simulated road, 0.3 m left and right of the centre line, make a map of the ground. A third
+drive, on another day and 0.2 m to the left, is located on the map by radar; its GNSS position is wrong by a metre. A
+fourth drive, the impostor, follows the same line over other ground, as on another road. None of its scans may be ok.
 
 The ground is synthetic: stones and rough layers from a seed, rendered as 11 channels of 369 samples of one byte,
-126 scans a second. Positions are known exactly, so every error below is against the truth."""
+126 scans per second. The true positions are known, so every error below is an error against the truth."""
 
 
 @dataclass(frozen=True)
 class Demo:
-    """Generate a site, map it, locate a drive on it, refuse an impostor road; write a report."""
+    """Simulate a road, map it, locate a drive on the map, reject a drive over other ground; write a report."""
 
-    output: Annotated[Path, arg(aliases=("-o",))] = Path("out/demo")
+    output: Annotated[Path, arg(aliases=("-o",), metavar="DIR")] = Path("out/demo")
     """folder for drive logs, map, fixes and report; replaced if it exists"""
 
     def run(self) -> None:
@@ -122,6 +122,10 @@ class Demo:
         options = RegisterOptions()
         drives = [logs["live"], logs["impostor"]]
         results = register_all(database, drives, self.output, options, force=True, impostors=("impostor",))
-        page = write_page(results, self.output, "lgprjax: a drive located by the ground", intro=_INTRO)
+        page = write_page(results, self.output, "lgprjax: a drive located by radar scans of the ground", intro=_INTRO)
         console.print(summary_table([summary for _, summary, _ in results]))
-        console.print(f"report: {page.resolve()}", highlight=False, markup=False, soft_wrap=True)
+        say(f"report: {page.resolve()}")
+        shares = ", ".join(
+            f"{summary.name} {100.0 * (summary.ok_fraction or 0.0):.1f} % ok" for _, summary, _ in results
+        )
+        verdict(f"{shares} (impostor: other ground)", f"map info {database}")

@@ -1,4 +1,4 @@
-"""Evaluation of a simulated run: the truth of the devices against the recording of the runtime."""
+"""Evaluation of a simulated run: true poses of the devices against the recording of the runtime."""
 
 import json
 from pathlib import Path
@@ -17,24 +17,24 @@ if TYPE_CHECKING:
 # Latency from scan to command in the recording of a run.
 
 ENGAGED = (3, 4)
-"""Modes in which the vehicle steers itself."""
+"""Modes in which the autopilot steers."""
 COMMAND_MS = 100.0
-"""Largest time from a scan's start to the resulting command."""
+"""Limit of the time from the start of a scan to the resulting command."""
 _MOVING_MPS = 0.1
 _SCANS = (0x12, 0x15)
-"""Types of the frames with a scan, radar_scan and radar_sweep; see data_schema/wire.toml."""
+"""Frame types radar_scan and radar_sweep; see data_schema/wire.toml."""
 
 
 class RunRecords(NamedTuple):
     """Records of a run; times in nanoseconds of the computer's monotonic clock.
 
     Attributes:
-        scans: that arrived from the radar.
-        tick_ns: begins of the control loop's ticks.
+        scans: number of scans received from the radar.
+        tick_ns: start times of the ticks of the control loop.
         plans, plan_ns: decisions of the ticks (``runtime.records.PLAN``), and their times.
-        fixes, fix_ns: of the scans that were searched (``runtime.records.FIX``), and when each was ready.
-        used_ns: of every command with a fix, the start of its scan and the begin of its tick.
-        memory: seconds, and MB of all processes together.
+        fixes, fix_ns: fixes of the registered scans (``runtime.records.FIX``), and the times when they were ready.
+        used_ns: for every command with a fix, start of the scan and start of the tick.
+        memory: seconds, and MB of all processes.
     """
 
     scans: int
@@ -48,23 +48,23 @@ class RunRecords(NamedTuple):
 
     @property
     def period_ms(self) -> Float[np.ndarray, " step"]:
-        """From tick to tick."""
+        """Period of the control loop."""
         return np.asarray(np.diff(self.tick_ns) / 1e6)
 
     @property
     def fix_ms(self) -> Float[np.ndarray, " fix"]:
-        """From a scan's start to its fix, while tracking."""
+        """Time from the start of a scan to its fix, while tracking."""
         scan_ns = self.fixes["scan_ns"]
         return np.asarray((self.fix_ns - scan_ns)[self.tracking(scan_ns)] / 1e6)
 
     @property
     def command_ms(self) -> Float[np.ndarray, " command"]:
-        """From a scan's start to the begin of the tick that commands with its fix, while tracking."""
+        """Time from the start of a scan to the start of the tick that uses its fix, while tracking."""
         scan_ns, begin_ns = self.used_ns.T
         return np.asarray((begin_ns - scan_ns)[self.tracking(scan_ns)] / 1e6)
 
     def tracking(self, time_ns: Int[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
-        """Whether the vehicle was engaged and moving: the search is evaluated while tracking."""
+        """Whether the vehicle was engaged and moving."""
         if not len(self.plans):
             return np.zeros(len(time_ns), bool)
         on = np.isin(self.plans["mode"], ENGAGED) & (np.abs(self.plans["speed_mps"]) > _MOVING_MPS)
@@ -72,10 +72,10 @@ class RunRecords(NamedTuple):
 
 
 def read_records(folder: Path) -> RunRecords:
-    """Records of a run's folder.
+    """Read the records of a run.
 
     Raises:
-        InputError: there is no recording in it.
+        InputError: the folder has no recording.
     """
     from lgprjax.formats import read_run
     from lgprjax.run_records import FIX, PLAN, RecordKind, Source, fix_row, unpack
@@ -117,7 +117,7 @@ def read_records(folder: Path) -> RunRecords:
 
 
 def timing_of(records: RunRecords, title: str) -> "TimingPicture":
-    """Times of a run as the record for its picture."""
+    """Times of a run, for the picture."""
     from lgprjax.report import StageTimes, TimingPicture
 
     return TimingPicture(
@@ -128,8 +128,8 @@ def timing_of(records: RunRecords, title: str) -> "TimingPicture":
             StageTimes("control period", records.period_ms),
         ),
         note=(
-            f"{records.scans} scans, {len(records.fixes)} searched. A scan is timed from its start, a command "
-            "at the begin of its tick; both while engaged and moving, the control period always."
+            f"{records.scans} scans, {len(records.fixes)} registered. Times run from the start of a scan to its fix, "
+            "or to the start of the tick with the command, while engaged and moving; the control period covers the run."
         ),
     )
 
@@ -138,9 +138,9 @@ _FOOT_M = 0.3048
 
 
 def figures_of(records: RunRecords, folder: Path) -> dict[str, Any]:
-    """Figures of a run's records, and of the truth in its folder.
+    """Figures of the records of a run, and of the true poses in its folder.
 
-    Scan to command: from a scan's start to the begin of the tick that commands with its fix.
+    Scan to command: time from the start of a scan to the start of the tick that uses its fix.
     """
     from lgprjax.registration import Code
 
@@ -152,7 +152,7 @@ def figures_of(records: RunRecords, folder: Path) -> dict[str, Any]:
     found = records.fixes
     on = records.tracking(found["scan_ns"])
     if on.any():
-        # Scans between the stops of a search have no fix of their own.
+        # Scans between the stops of a search have no fix.
         stops = found["code"][on & (found["code"] != Code.NO_WINDOW)]
         figures["ok_share"] = float(np.mean(stops == Code.OK)) if len(stops) else 0.0
         figures["most_waiting"] = int(found["waiting"][on].max())
@@ -175,7 +175,7 @@ def figures_of(records: RunRecords, folder: Path) -> dict[str, Any]:
 
 
 def _memory(memory: Float[np.ndarray, "moment 2"]) -> dict[str, float]:
-    """Memory of all processes together, and how it grows in the run's second half: rings are full by then."""
+    """Memory of all processes, and its growth in the second half of the run, when the buffers are full."""
     settled = memory[len(memory) // 2 :]
     if len(settled) < 60:
         return {}
@@ -195,7 +195,7 @@ def _against_truth(path: Path, plan_ns: Int[np.ndarray, " plan"], modes: Int[np.
     at = np.clip(np.searchsorted(plan_ns, mono) - 1, 0, len(modes) - 1)
     on = np.isin(modes[at], ENGAGED)
     figures: dict[str, Any] = {f"devices_{name}": value for name, value in told.items()}
-    # In lock step the devices have no time of their own.
+    # In lock step the processor time of the devices is not measured.
     if "cpu_s" in told:
         figures["devices_cpu_share"] = told["cpu_s"] / max(seconds, 1e-9)
     if on.any():
@@ -211,47 +211,52 @@ _SHOWN: tuple[tuple[str, str, float, tuple[str, ...]], ...] = (
     ("control ticks", "{:.0f}", 1.0, ("ticks",)),
     ("control period, median", "{:.1f} ms", 1.0, ("period_p50_ms",)),
     (
-        "control period: p99, p99.9, largest",
+        "control period: p99, p99.9, max",
         "{:.1f} ms",
         1.0,
         ("period_p99_ms", "period_p99_9_ms", "period_largest_ms"),
     ),
-    ("scans: arrived, searched", "{:.0f}", 1.0, ("scans", "searched")),
+    ("scans: received, registered", "{:.0f}", 1.0, ("scans", "searched")),
     ("scans: missed while tracking", "{:.0f}", 1.0, ("missed_scans",)),
-    ("scans: most from fix to fix, most waiting", "{:.0f}", 1.0, ("largest_gap_scans", "most_waiting")),
-    ("fixes ok, of the stops searched", "{:.2f} %", 100.0, ("ok_share",)),
+    ("longest gap between fixes, longest queue, scans", "{:.0f}", 1.0, ("largest_gap_scans", "most_waiting")),
+    ("ok fixes, share of search stops", "{:.2f} %", 100.0, ("ok_share",)),
     ("scan to command, median", "{:.1f} ms", 1.0, ("scan_to_command_p50_ms",)),
-    ("scan to command, p99, largest", "{:.1f} ms", 1.0, ("scan_to_command_p99_ms", "scan_to_command_largest_ms")),
+    ("scan to command: p99, max", "{:.1f} ms", 1.0, ("scan_to_command_p99_ms", "scan_to_command_largest_ms")),
     ("memory of all processes", "{:.0f} MB", 1.0, ("memory_mb",)),
-    ("memory, growth in the second half", "{:.0f} MB/h", 1.0, ("memory_growth_mb_per_h",)),
-    ("devices: processor time, rendering", "{:.1f} s", 1.0, ("devices_cpu_s", "devices_render_s")),
-    ("devices: of one core", "{:.1f} %", 100.0, ("devices_cpu_share",)),
-    ("devices: late ticks", "{:.0f}", 1.0, ("devices_late_ticks",)),
-    ("way engaged", "{:.1f} m", 1.0, ("engaged_way_m",)),
-    ("off the baseline, RMS, largest", "{:.1f} cm", 100.0, ("tracking_rms_m", "tracking_largest_m")),
-    ("within a foot of it", "{:.2f} %", 100.0, ("within_foot",)),
-    ("swaths: of the plan, driven to their end", "{:.0f}", 1.0, ("passes", "passes_driven")),
-    ("times taken over by the operator", "{:.0f}", 1.0, ("times_taken_over",)),
-    ("way left", "{:.1f} m", 1.0, ("to_go_m",)),
+    ("memory growth in the second half", "{:.0f} MB/h", 1.0, ("memory_growth_mb_per_h",)),
+    ("simulated devices: processor time, rendering", "{:.1f} s", 1.0, ("devices_cpu_s", "devices_render_s")),
+    ("simulated devices: share of one core", "{:.1f} %", 100.0, ("devices_cpu_share",)),
+    ("simulated devices: late ticks", "{:.0f}", 1.0, ("devices_late_ticks",)),
+    ("distance engaged", "{:.1f} m", 1.0, ("engaged_way_m",)),
+    ("cross-track error from the baseline: RMS, max", "{:.1f} cm", 100.0, ("tracking_rms_m", "tracking_largest_m")),
+    ("distance within 1 ft of the baseline", "{:.2f} %", 100.0, ("within_foot",)),
+    ("swaths: planned, completed", "{:.0f}", 1.0, ("passes", "passes_driven")),
+    ("operator overrides", "{:.0f}", 1.0, ("times_taken_over",)),
+    ("distance to go", "{:.1f} m", 1.0, ("to_go_m",)),
     ("time with a GNSS position", "{:.1f} %", 100.0, ("share_fixed",)),
-    ("position error with GNSS, RMS", "{:.1f} cm", 100.0, ("position_rms_fixed_m",)),
-    ("position error, RMS, largest", "{:.1f} cm", 100.0, ("position_rms_m", "position_largest_m")),
-    ("off the line with GNSS, RMS", "{:.1f} cm", 100.0, ("cross_track_rms_fixed_m",)),
-    ("off the line, RMS, largest", "{:.1f} cm", 100.0, ("cross_track_rms_m", "cross_track_largest_m")),
-    ("heading error, RMS, largest", "{:.2f}°", 1.0, ("heading_rms_deg", "heading_largest_deg")),
+    ("position error with GNSS: RMS", "{:.1f} cm", 100.0, ("position_rms_fixed_m",)),
+    ("position error: RMS, max", "{:.1f} cm", 100.0, ("position_rms_m", "position_largest_m")),
+    ("cross-track error with GNSS: RMS", "{:.1f} cm", 100.0, ("cross_track_rms_fixed_m",)),
+    ("cross-track error: RMS, max", "{:.1f} cm", 100.0, ("cross_track_rms_m", "cross_track_largest_m")),
+    ("heading error: RMS, max", "{:.2f}°", 1.0, ("heading_rms_deg", "heading_largest_deg")),
     (
-        "squared error over variance, x, y, yaw",
+        "squared error over variance: x, y, yaw",
         "{:.2f}",
         1.0,
         tuple(f"squared_error_over_variance_{name}" for name in ("x", "y", "yaw")),
     ),
-    ("of the field: processed, not processed, at 95 %", "{:.1f} %", 100.0, ("worked_share_95", "not_worked_share_95")),
+    (
+        "share of the field at 95 %: processed, not processed",
+        "{:.1f} %",
+        100.0,
+        ("worked_share_95", "not_worked_share_95"),
+    ),
 )
-"""Rows of the table of figures: words, how a number is written, what it is multiplied with, and the figures' names."""
+"""Rows of the table: label, number format, factor, names of the figures."""
 
 
 def figure_rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
-    """Figures in words and units, as a reader wants them; those that a run has not are left out."""
+    """Labels and values with units, of the figures that the run has."""
     from lgprjax.autopilot import Mode
 
     rows = []
@@ -262,12 +267,12 @@ def figure_rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
     modes = figures.get("modes", {})
     ticks = max(sum(modes.values()), 1)
     shares = [f"{Mode(int(mode)).name} {100.0 * count / ticks:.1f} %" for mode, count in modes.items()]
-    return [*rows, ("time in each mode", ", ".join(shares))] if shares else rows
+    return [*rows, ("share of time per mode", ", ".join(shares))] if shares else rows
 
 
 def print_figures(figures: dict[str, Any], folder: Path) -> None:
     """Print as a table."""
-    table = Table("simulated run", "", title=str(folder))
+    table = Table("simulated run", "value", title=str(folder))
     for row in figure_rows(figures):
         table.add_row(*row)
     console.print(table, highlight=False, markup=False)

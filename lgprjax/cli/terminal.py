@@ -1,4 +1,4 @@
-"""The terminal: progress on standard error, exit statuses, one line for each bad input."""
+"""The terminal: results on standard output, progress on standard error, exit statuses, one line for each bad input."""
 
 import codecs
 import difflib
@@ -6,9 +6,12 @@ import errno
 import io
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -26,11 +29,73 @@ from rich.text import Text
 
 from lgprjax.errors import ArgumentError, InputError
 
+
+class Level(IntEnum):
+    """Amount of output of a command: ``-q``, neither option, ``-v``."""
+
+    QUIET = 0
+    NORMAL = 1
+    VERBOSE = 2
+
+
+class Output(Console):
+    """Standard output of a command. At the quiet level only ``verdict`` prints."""
+
+    level = Level.NORMAL
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print tables and lines, unless the level is quiet."""
+        if self.level > Level.QUIET:
+            super().print(*objects, **options)
+
+    def print_always(self, text: str) -> None:
+        """Print a line at every level."""
+        super().print(text, highlight=False, markup=False, soft_wrap=True)
+
+
 # Names of files and extras may contain brackets: nothing printed is markup.
-console = Console(markup=False)
+console = Output(markup=False)
 
 
-# What a terminal that is not of UTF-8 shows in place of these characters; every other one as Python writes it.
+@contextmanager
+def output_level(level: Level) -> Iterator[None]:
+    """Set the amount of output for the block."""
+    before, console.level = console.level, level
+    try:
+        yield
+    finally:
+        console.level = before
+
+
+def say(text: str) -> None:
+    """Print a line without markup; not at the quiet level."""
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def detail(text: str) -> None:
+    """Print a line at the verbose level."""
+    if console.level is Level.VERBOSE:
+        say(text)
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and its noun, in the plural unless it is one."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def verdict(text: str, following: str = "") -> None:
+    """Print the last lines of a command: its result, at every level, and the command to run next.
+
+    Args:
+        text: result in one line.
+        following: words of the next command, without ``lgprjax``; none if empty.
+    """
+    console.print_always(f"result: {text}")
+    if following:
+        say(f"next: lgprjax {following}")
+
+
+# Replacements on a terminal that cannot show these characters; all others become Python escapes.
 _PLAIN = {"°": " deg", "²": "2", "₀": "0", "₁": "1", "–": "-", "−": "-", "→": "->", "φ": "phi"}
 
 
@@ -68,26 +133,26 @@ class Bar:
 
 
 class RateColumn(ProgressColumn):
-    """How many are done a second."""
+    """Units per second."""
 
     def __init__(self, unit: str) -> None:
         super().__init__()
         self._unit = unit
 
     def render(self, task: Task) -> Text:
-        """The rate; nothing before it is known."""
+        """The rate; empty until it is known."""
         speed = task.finished_speed or task.speed
         return Text("" if speed is None else f"{speed:.3g} {self._unit}/s")
 
 
 _LONG_S = 1.0
-_COMPILING = "compiling for this machine, up to two minutes the first time; later commands load what is compiled now"
+_COMPILING = "compiling for this machine, up to two minutes the first time; later commands reuse the compiled programs"
 
 
 class Compiling:
-    """Tells a terminal, once a command, that programs are compiled that no earlier command has kept.
+    """Report once per command that JAX compiles programs that are not in the cache.
 
-    JAX reports a program when it has been compiled; those loaded from the cache do not count.
+    JAX reports a program after its compilation. Programs loaded from the cache are not counted.
     """
 
     def __init__(self) -> None:
@@ -111,7 +176,7 @@ class Compiling:
 
     @contextmanager
     def told_on(self, shown: Console) -> Iterator[None]:
-        """Tell it on this console during the block."""
+        """Report on this console during the block."""
         before, self._shown = self._shown, shown
         try:
             yield
@@ -123,7 +188,7 @@ _compiling: list[Compiling] = []
 
 
 def _tells_of_compiling(shown: Console) -> AbstractContextManager[None]:
-    """Where somebody watches, say why nothing moves while programs are compiled."""
+    """Report compilation on a terminal, where progress stops meanwhile."""
     if not shown.is_terminal:
         return nullcontext()
     if not _compiling:
@@ -133,7 +198,7 @@ def _tells_of_compiling(shown: Console) -> AbstractContextManager[None]:
 
 @contextmanager
 def progress_bar(what: str, total: int, unit: str = "scans") -> Iterator[Bar]:
-    """A bar that the block advances by calling the yielded object; rate and time left beside it."""
+    """A bar that the block advances by calling the yielded object, with rate and remaining time."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(20),
@@ -142,16 +207,28 @@ def progress_bar(what: str, total: int, unit: str = "scans") -> Iterator[Bar]:
         TimeRemainingColumn(),
     )
     shown = Console(stderr=True)
-    # Where nobody watches, as in a log, the bar would leave an empty line.
-    bar = Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal)
-    with bar as progress, _tells_of_compiling(shown):
+    # In a log file the bar would leave an empty line.
+    hidden = not shown.is_terminal or console.level is Level.QUIET
+    bar = Progress(*columns, console=shown, transient=True, disable=hidden)
+    with _timed(f"{what} ({total} {unit})"), bar as progress, _tells_of_compiling(shown):
         yield Bar(progress, progress.add_task(what, total=total))
 
 
-def working(what: str) -> AbstractContextManager[Status]:
+@contextmanager
+def working(what: str) -> Iterator[Status]:
     """A spinner for work of unknown length, whose text may be updated."""
-    shown = Console(stderr=True)
-    return shown.status(what, spinner="dots" if shown.encoding.startswith("utf") else "line")
+    shown = Console(stderr=True, quiet=console.level is Level.QUIET)
+    spinner = "dots" if shown.encoding.startswith("utf") else "line"
+    with _timed(what), shown.status(what, spinner=spinner) as status:
+        yield status
+
+
+@contextmanager
+def _timed(what: str) -> Iterator[None]:
+    """Print the duration of the block at the verbose level."""
+    began_s = time.perf_counter()
+    yield
+    detail(f"{what}: {time.perf_counter() - began_s:.1f} s")
 
 
 # Exit statuses: 0 done, 1 bad input with one clear line, 2 usage.
@@ -173,13 +250,13 @@ class UsageError(Exception):
 
 
 def require_files(files: Sequence[object], what: str) -> None:
-    """Raise ``UsageError`` if a verb was given no file."""
+    """Raise ``UsageError`` if no file is given."""
     if not files:
         raise UsageError(f"{what}: expected at least one file, found none")
 
 
 def advice(error: InputError) -> str:
-    """What to do where a file is none, or is not there; empty for every other error."""
+    """Advice for a file that is missing, a folder or empty; empty text for every other error."""
     path = Path(error.file)
     if error.place != "file":
         return ""
@@ -187,23 +264,23 @@ def advice(error: InputError) -> str:
         if path.is_dir():
             return "; name a file in it"
         if path.is_symlink() and not path.exists():
-            return f"; it is a link to {path.readlink()}, which is not there"
+            return f"; the link points to {path.readlink()}, which does not exist"
         if path.exists():
             return "; copy or record it again" if path.is_file() and not path.stat().st_size else ""
         if not path.parent.is_dir():
             return f"; there is no folder {path.parent}"
         near = difflib.get_close_matches(path.name, [each.name for each in path.parent.iterdir()], n=1, cutoff=0.8)
-    except OSError:  # a folder that may not be read: the error itself says so
+    except OSError:  # unreadable folder: the error reports it
         return ""
     return f"; did you mean {path.with_name(near[0])}?" if near else "; check its name and folder"
 
 
 def run_verb(verb: Callable[[], int | None], command: str = "") -> int:
-    """Run a verb; bad input becomes one line on standard error and status 1.
+    """Run a command; bad input becomes one line on standard error and status 1.
 
     Args:
-        verb: what runs.
-        command: its words, which the lines about wrong usage refer to.
+        verb: function to run.
+        command: command name, for the hint at the end of usage errors.
     """
     see = f"(see {command} --help)".replace("  ", " ") if command else "(see --help)"
     try:

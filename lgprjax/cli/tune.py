@@ -1,4 +1,4 @@
-"""``lgprjax tune`` and ``lgprjax thresholds``: studies of a vehicle's logs, thresholds from the user's drives."""
+"""``lgprjax tune`` and ``lgprjax thresholds``: calibrations from drive logs."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import console, progress_bar, require_files, working
+from lgprjax.cli.terminal import console, counted, progress_bar, require_files, say, verdict, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,19 +18,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tune:
-    """Run a study on a vehicle's logs: a calibration, how well it tracked, or the choice of the look-ahead.
+    """Run a study on drive logs of a vehicle: calibration, tracking accuracy, or look-ahead.
 
-    The study file gives the numbers to fit, the vehicle file and the drive logs. The result is a new vehicle file, with
-    the 95 % interval of every fitted number, and pictures. The old file is not changed. A log that lacks what the fit
-    needs is refused, and nothing is written that a held-out log contradicts. tuning/ has example studies.
+    The study file names the parameters to fit, the vehicle file and the drive logs. The outputs are a new vehicle file
+    with the 95 % interval of every fitted parameter, and pictures. The old vehicle file is unchanged. The command
+    rejects logs without the needed signals or excitation, and writes no value that a held-out log contradicts.
+    lgprjax examples copies example studies.
     """
 
-    study: Annotated[Positional[Path], arg(metavar="STUDY.toml", help="the study file")]
+    study: Annotated[Positional[Path], arg(metavar="STUDY.toml", help="study file")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the new vehicle file and pictures")]
     json: Path | None = None
-    """also write the fitted numbers, with their intervals, to this file, or - for standard output"""
+    """JSON file for the fitted values with intervals; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Run the study."""
@@ -43,12 +44,12 @@ class Tune:
         if self.output.exists() and not self.output.is_dir():
             raise InputError(self.output, "output", "a folder", "a file")
         if target.resolve() == study.vehicle.resolve():
-            raise InputError(target, "output", "another folder than that of the study's vehicle file", "the same")
+            raise InputError(target, "output", "a folder other than that of the vehicle file", "the same folder")
         draw = study_pictures(study.kind)
         pictures = {name: self.output / f"{study.name}.{name}.png" for name in draw}
         for path in (target, *pictures.values()):
             if path.exists() and not self.force:
-                raise InputError(path, "output", "a new file, or --force", "one that exists")
+                raise InputError(path, "output", "a new file, or --force", "an existing file")
         check_outputs(self.json, force=self.force)
         with working(f"fitting {study.name}"):
             finished = run_study(study)
@@ -61,13 +62,18 @@ class Tune:
             write_figures(self.json, figures_of(finished), force=self.force)
         _print(finished)
         if study.kind != "tracking":
-            console.print(f"vehicle file: {target}", highlight=False, markup=False, soft_wrap=True)
+            say(f"vehicle file: {target}")
         for path in pictures.values():
-            console.print(f"picture: {path}", highlight=False, markup=False, soft_wrap=True)
+            say(f"picture: {path}")
+        fitted = counted(len(finished.outcome.found), "parameter")
+        if study.kind == "tracking":
+            verdict(f"{study.name}: {counted(len(pictures), 'picture')} in {self.output}")
+        else:
+            verdict(f"{study.name}: {fitted} fitted, wrote {target}", f"check {target}")
 
 
 def figures_of(finished: "FinishedStudy") -> dict[str, object]:
-    """Numbers of a study as JSON: fitted ones with intervals, chosen ones without, and the quality of the fit."""
+    """Results of a study as JSON: fitted values with intervals, set values, quality of the fit."""
     outcome = finished.outcome
     return {
         "study": finished.study.name,
@@ -90,15 +96,15 @@ def _print(finished: "FinishedStudy") -> None:
     from lgprjax.formats import load_schema
 
     units = {entry.path: entry.unit for entry in load_schema("vehicle").keys}
-    table = Table("number", "value", "95 % interval", title=f"{finished.study.name} ({finished.study.kind})")
+    table = Table("parameter", "value", "95 % interval", title=f"{finished.study.name} ({finished.study.kind})")
     for path, found in finished.outcome.found.items():
         for number, one in enumerate(found if isinstance(found, list) else [found]):
             if isinstance(found, list) and number not in (0, len(found) // 2, len(found) - 1):
-                continue  # a long list: ends and middle here, all of it in the file
+                continue  # long list: first, middle and last value; the file has all
             place = f"{path}[{number}]" if isinstance(found, list) else path
             table.add_row(place, f"{one.value:.5g} {units[path]}".strip(), f"{one.low:.5g} to {one.high:.5g}")
     for path, value in finished.outcome.fixed.items():
-        table.add_row(path, f"{value:.5g} {units[path]}".strip(), "set, not measured")
+        table.add_row(path, f"{value:.5g} {units[path]}".strip(), "set, not fitted")
     console.print(table)
     for figure in finished.outcome.figures:
         interval = "" if figure.low is None else f" ({figure.low:.3g} to {figure.high:.3g})"
@@ -107,36 +113,33 @@ def _print(finished: "FinishedStudy") -> None:
         console.print(note, highlight=False, markup=False)
 
 
-# ``lgprjax thresholds``: thresholds of a fix, calibrated on the user's drives.
+# ``lgprjax thresholds``: acceptance thresholds of a fix, calibrated on drives.
 
 
 @dataclass(frozen=True)
 class ThresholdsVerb:
-    """Calibrate the thresholds of fixes on drives with known positions.
+    """Calibrate the acceptance thresholds of fixes on drives with known positions.
 
-    Every drive is matched at its own place, and at other places of the same map, where no match can be right. With the
-    thresholds found, a match of the second kind passes with the probability given by --risk; a factor on all sigmas
-    makes the errors of the first kind consistent with their covariances. Use them on other drives: register
-    --thresholds.
+    Every drive is matched at its true position and at other positions of the map. The thresholds accept a match at a
+    wrong position with the probability --risk. A factor on all sigmas makes the errors at true positions agree with
+    their covariances. Use the file for other drives: register --thresholds.
     """
 
-    map: Annotated[Positional[Path], arg(metavar="MAP", help="subsurface database, M.map.h5")]
-    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over its ground")]
+    map: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
+    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over the map")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.toml", help="file to write")]
     window_m: float
-    """length of the windows in metres, 0 for single scans; thresholds are valid for one length, which register then
-    needs
-    """
+    """length of the matched window of travel, in metres, 0 for single scans; register needs the same length"""
     search_m: float = 2.5
-    """search this far to each side of the position in the log, in metres"""
+    """half width of the search region around the logged position, in metres"""
     time_scale: float | Literal["auto"] = "auto"
-    """as for register"""
+    """ratio of two-way travel time in the ground, drive to map; auto estimates it along the drive"""
     risk: float = 1e-4
-    """accepted probability that a match at a wrong place passes"""
+    """largest accepted probability of a false fix: a match at a wrong position of the map that passes"""
     json: Path | None = None
-    """also write the figures to this file, or - for standard output"""
+    """JSON file for the figures; - for standard output"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Calibrate."""
@@ -159,12 +162,12 @@ class ThresholdsVerb:
             logs = [opened.enter_context(DriveLog.open(path)) for path in self.drives]
             check_outputs(self.output, self.json, force=self.force)
             scans = sum(log.scans for log in logs)
-            with progress_bar("matching, at true places and at false ones", 2 * scans) as advance:
+            with progress_bar("matching at true and wrong positions", 2 * scans) as advance:
                 trials = try_drives(source, logs, options, advance)
         try:
             found = thresholds_from(trials, self.risk)
         except ValueError as error:
-            raise InputError(self.map, "drives", "drives that tell enough", str(error)) from None
+            raise InputError(self.map, "drives", "drives with enough matches", str(error)) from None
         right = trials.true.right
         score, lead = (values / trials.true.noise_floor for values in (trials.true.score, trials.true.margin))
         passed = right & (score >= found.strength_by_chance) & (lead >= found.margin_by_chance)
@@ -190,13 +193,13 @@ class ThresholdsVerb:
         )
         if self.json is not None:
             write_figures(self.json, {"thresholds": thresholds, **figures}, force=self.force)
-        console.print(
-            f"score >= {found.strength_by_chance:.2f} and margin >= {found.margin_by_chance:.2f} noise floors; sigmas "
-            f"times {found.sigma_scale:.2f}\n"
-            f"correct matches that pass: {figures['pass']:.1%} of {figures['right']}; highest of {figures['false']} "
-            f"false ones: score {figures['highest_false_strength']:.2f}, margin {figures['highest_false_lead']:.2f}\n"
-            f"thresholds: {self.output}",
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
+        say(f"score >= {found.strength_by_chance:.2f} and margin >= {found.margin_by_chance:.2f} noise floors")
+        say(f"factor on sigmas: {found.sigma_scale:.2f}")
+        say(
+            f"best of {figures['false']} wrong matches: score {figures['highest_false_strength']:.2f}, "
+            f"margin {figures['highest_false_lead']:.2f}"
+        )
+        verdict(
+            f"{figures['pass']:.1%} of {figures['right']} correct matches pass; wrote {self.output}",
+            f"register {self.map} DRIVE... -o DIR --window-m {self.window_m:g} --thresholds {self.output}",
         )

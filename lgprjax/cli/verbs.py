@@ -1,4 +1,4 @@
-"""The verbs of ``lgprjax``: what each is for, two examples of each, and how a command is read and run."""
+"""The commands of ``lgprjax``: purpose and two examples of each; reading and running a command."""
 
 import dataclasses
 import difflib
@@ -6,9 +6,10 @@ import functools
 import operator
 import os
 import sys
+import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -33,13 +34,13 @@ from lgprjax.cli.imports import (
     ImportSignals,
 )
 from lgprjax.cli.maps import MapBuild, MapInfo, MapRefine, MapUpdate, MapVerify
-from lgprjax.cli.options import check_words, nearest
+from lgprjax.cli.options import check_words, current_names, nearest
 from lgprjax.cli.recognised import recognised, recording_suffixes, told_instead
 from lgprjax.cli.register import Register
 from lgprjax.cli.route import RouteExport, RouteList, RouteSelect
 from lgprjax.cli.run import Run
 from lgprjax.cli.simulate import Demo, Simulate
-from lgprjax.cli.terminal import UsageError, run_verb, show_every_character
+from lgprjax.cli.terminal import USAGE, Level, UsageError, detail, output_level, run_verb, show_every_character
 from lgprjax.cli.tune import ThresholdsVerb, Tune
 from lgprjax.cli.view import View
 from lgprjax.errors import refuse_own_input
@@ -47,7 +48,7 @@ from lgprjax.machine import keep_programs
 
 
 class Verb(NamedTuple):
-    """A verb: its dataclass, what it is for in a few words, and examples, which leave out ``lgprjax``."""
+    """A command: its dataclass, its purpose in a few words, and examples without ``lgprjax``."""
 
     options: type
     what: str
@@ -55,7 +56,7 @@ class Verb(NamedTuple):
 
 
 class VerbGroup(NamedTuple):
-    """Verbs under one name."""
+    """Commands under one name."""
 
     what: str
     text: str
@@ -64,8 +65,8 @@ class VerbGroup(NamedTuple):
 
 
 _IMPORT = VerbGroup(
-    "other makers' recordings to drive logs (X.drive.h5)",
-    "Convert recordings of other makers to drive logs. Where no format is named, it is recognised by the files' names.",
+    "convert other recordings to drive logs (X.drive.h5)",
+    "Convert recordings of other instruments to drive logs. Without FORMAT, the file names determine the format.",
     {
         "dt1": Verb(
             ImportDt1,
@@ -94,7 +95,7 @@ _IMPORT = VerbGroup(
         ),
         "lines": Verb(
             ImportLines,
-            "lines of a survey as one drive log",
+            "survey lines as one drive log",
             (
                 "import lines XLINE*.DT1 --line-spacing-m 0.25 -o survey.drive.h5",
                 "import lines A.DZT B.DZT --lines-at-m 0 0.4 -o survey.drive.h5",
@@ -142,22 +143,22 @@ _IMPORT = VerbGroup(
         ),
         "signals": Verb(
             ImportSignals,
-            "a vehicle's signals, .csv, .parquet or .mcap",
+            "vehicle signals from .csv, .parquet or .mcap",
             (
-                "import signals LOG.csv --map COLUMNS.toml -o log.drive.h5",
-                "import signals LOG.parquet --map COLUMNS.toml -o log.drive.h5",
+                "import signals LOG.csv --columns COLUMNS.toml -o log.drive.h5",
+                "import signals LOG.parquet --columns COLUMNS.toml -o log.drive.h5",
             ),
         ),
     },
     ("import XLINE*.DT1 -o survey.drive.h5", "import RECORDING.mcap -o X.drive.h5"),
 )
 _MAP = VerbGroup(
-    "build, info, verify, refine and update subsurface databases",
-    "Build and keep up subsurface databases: maps of the ground, M.map.h5.",
+    "build, verify, refine and update maps of the ground",
+    "Build and maintain maps of the ground (subsurface databases, M.map.h5).",
     {
         "build": Verb(
             MapBuild,
-            "drive logs to a map",
+            "build a map from drive logs",
             (
                 "map build left.drive.h5 right.drive.h5 -o road.map.h5",
                 "map build survey.drive.h5 -o field.map.h5 --centre-frequency-mhz 300",
@@ -165,37 +166,39 @@ _MAP = VerbGroup(
         ),
         "info": Verb(
             MapInfo,
-            "what a map covers, and what it was made from",
+            "show coverage and origin of a map",
             ("map info road.map.h5", "map info road.map.h5 --json -"),
         ),
         "verify": Verb(
             MapVerify,
-            "holes, weak or ambiguous ground, baselines that disagree",
+            "find holes, weak or ambiguous ground, inconsistent baselines",
             ("map verify road.map.h5", "map verify road.map.h5 -o road-verified"),
         ),
         "refine": Verb(
             MapRefine,
-            "make the baselines of a map consistent",
+            "align the baselines of a map with each other",
             ("map refine road.map.h5 -o better.map.h5", "map refine road.map.h5 -o better.map.h5 --json moved.json"),
         ),
         "update": Verb(
             MapUpdate,
-            "add newer drives, retire ground that changed",
+            "add newer drives, retire changed ground",
             ("map update road.map.h5 new.drive.h5 -o newer.map.h5", "map update road.map.h5 new.drive.h5"),
         ),
     },
     ("map build X.drive.h5 -o road.map.h5", "map info road.map.h5"),
 )
 _ROUTE = VerbGroup(
-    "list, select and export the routes of a map",
-    "List, select and export the routes of a subsurface database.",
+    "list, select and export routes of a map",
+    "List, select and export routes of a map.",
     {
         "list": Verb(
-            RouteList, "the routes of a map", ("route list road.map.h5", "route list road.map.h5 --json routes.json")
+            RouteList,
+            "list the routes of a map",
+            ("route list road.map.h5", "route list road.map.h5 --json routes.json"),
         ),
         "select": Verb(
             RouteSelect,
-            "a route, or a stretch of it, to drive",
+            "write a route file: route or section, direction, speed",
             (
                 "route select road.map.h5 baseline -o home.route.toml",
                 "route select road.map.h5 baseline --from-m 20 --to-m 80 --cruise-mps 3 -o home.route.toml",
@@ -203,7 +206,7 @@ _ROUTE = VerbGroup(
         ),
         "export": Verb(
             RouteExport,
-            "waypoints as CSV, GeoJSON or GPX",
+            "write waypoints as CSV, GeoJSON or GPX",
             (
                 "route export home.route.toml -o waypoints.gpx",
                 "route export road.map.h5 baseline -o waypoints.geojson",
@@ -213,12 +216,12 @@ _ROUTE = VerbGroup(
     ("route list road.map.h5", "route select road.map.h5 baseline -o home.route.toml"),
 )
 _COVER = VerbGroup(
-    "cover a field: plan it, record what was worked, export",
-    "Cover fields: plan swaths, record the ground worked, export the record.",
+    "plan swaths over a field, record and export the area worked",
+    "Area coverage: plan swaths over a field, record the area worked, export the record.",
     {
         "plan": Verb(
             CoverPlanVerb,
-            "swaths over a field, in driving order",
+            "plan swaths over a field, in driving order",
             (
                 "cover plan f.geojson --vehicle v.vehicle.toml -o f.cover.geojson",
                 "cover plan f.cover.geojson --gaps f.worked.h5 --vehicle v.vehicle.toml -o g.cover.geojson",
@@ -226,7 +229,7 @@ _COVER = VerbGroup(
         ),
         "record": Verb(
             CoverRecord,
-            "recorded runs to a record of the ground worked",
+            "compute the area worked from recorded runs",
             (
                 "cover record RUN... --plan f.cover.geojson -o f.worked.h5",
                 "cover record one two --plan f.cover.geojson gaps.cover.geojson -o all.worked.h5",
@@ -234,7 +237,7 @@ _COVER = VerbGroup(
         ),
         "export": Verb(
             CoverExport,
-            "a record as GIS layers, CSV and a report to sign",
+            "export a record as GIS layers, CSV and report",
             (
                 "cover export f.worked.h5 -o handover",
                 'cover export f.worked.h5 -o handover --organisation "Made-up Works"',
@@ -251,8 +254,8 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
     "First steps": {
         "demo": Verb(
             Demo,
-            "the whole story: map a simulated road, locate a drive on it",
-            ("demo", "demo --output out/demo"),
+            "map a simulated road, locate a drive on it",
+            ("demo", "demo -o out/demo"),
         ),
         "examples": Verb(
             Examples,
@@ -261,25 +264,25 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
         ),
         "doctor": Verb(
             Doctor,
-            "what is installed, and what to do about problems",
+            "check installation and machine",
             ("doctor", "doctor --onboard"),
         ),
     },
-    "Own recordings": {
+    "Recordings": {
         "import": _IMPORT,
         "view": Verb(
             View,
-            "radargram, plan, map from above: picture or page",
+            "draw radargrams, survey plans, time slices",
             ("view LINE01.DT1", "view X.drive.h5 --html -o X.html"),
         ),
         "check": Verb(
             CheckVerb,
-            "validate files; measure a recording's quality",
+            "validate files, measure recording quality",
             ("check X.drive.h5 M.map.h5", "check X.drive.h5 --health"),
         ),
         "export": Verb(
             Export,
-            "ROS messages (MCAP, bags), or a trajectory",
+            "write ROS messages (MCAP, bags) or a trajectory",
             (
                 "export X.drive.h5 --fixes result/X.fixes.h5 -o X.mcap",
                 "export X.drive.h5 --fixes result/X.fixes.h5 -o X.tum",
@@ -290,7 +293,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
         "map": _MAP,
         "register": Verb(
             Register,
-            "locate drives on a map: fixes, pictures, page",
+            "locate drives on a map: fixes, pictures, report",
             (
                 "register road.map.h5 Y.drive.h5 -o result",
                 "register road.map.h5 A.drive.h5 B.drive.h5 -o result --workers 2",
@@ -298,12 +301,12 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
         ),
         "compare": Verb(
             Compare,
-            "two registrations of a drive, scan by scan",
+            "compare two registrations of a drive",
             ("compare result other-result", "compare result/X.fixes.h5 other/X.fixes.h5 --json -"),
         ),
         "thresholds": Verb(
             ThresholdsVerb,
-            "calibrate when a fix is called ok, on your drives",
+            "calibrate acceptance thresholds on your drives",
             (
                 "thresholds road.map.h5 A.drive.h5 B.drive.h5 --window-m 4 -o own.thresholds.toml",
                 "thresholds road.map.h5 A.drive.h5 --window-m 0 --risk 1e-5 -o single.thresholds.toml",
@@ -314,17 +317,17 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
         "route": _ROUTE,
         "run": Verb(
             Run,
-            "the onboard runtime, on devices or on simulated ones",
+            "run the onboard runtime, on real or simulated devices",
             ("run onboard/simulated.run.toml --simulate", "run CONFIG.toml --preflight"),
         ),
         "events": Verb(
             Events,
-            "what happened in a run, and why",
+            "list the events of a run with their causes",
             ("events RUN_FOLDER", "events RUN_FOLDER --json -"),
         ),
         "recover": Verb(
             Recover,
-            "a drive log from a run that a power cut ended",
+            "recover a drive log from an interrupted run",
             ("recover RUN_FOLDER -o X.drive.h5", "recover RUN_FOLDER -o X.drive.h5 --map moved/M.map.h5"),
         ),
         "cover": _COVER,
@@ -332,26 +335,26 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
     "Simulation and calibration": {
         "simulate": Verb(
             Simulate,
-            "drive logs of a generated site, or of a vehicle",
+            "generate drive logs of a synthetic site or vehicle",
             ("simulate village -o drives", "simulate SITE.toml -o drives --only live"),
         ),
         "tune": Verb(
             Tune,
-            "fit a vehicle file to logs",
+            "fit a vehicle file to drive logs",
             ("tune tuning/k_ratio.toml -o out", "tune STUDY.toml -o out --json -"),
         ),
     },
 }
-"""Verbs by what a person is about, in the order of the help."""
+"""Commands grouped by task, in the order of the help."""
 
 
 def all_verbs() -> dict[str, Verb | VerbGroup]:
-    """All verbs by name."""
+    """All commands and groups by name."""
     return {name: verb for part in VERBS.values() for name, verb in part.items()}
 
 
 def every_verb() -> Iterator[tuple[str, Verb]]:
-    """Verbs that do something, by the words that name them: ``map build``."""
+    """Commands by their full names, such as ``map build``."""
     for name, verb in all_verbs().items():
         if isinstance(verb, Verb):
             yield name, verb
@@ -367,24 +370,40 @@ _MEANT = {
     **{words.split()[1]: words for words, _ in every_verb() if " " in words and words.split()[1] not in all_verbs()},
     **dict.fromkeys(("calibrate", "fit"), "tune"),
 }
-"""Verbs of other programs, and the one of this that does it."""
+"""Names that other programs use, and the command for the same task."""
 
 
 def keep_compiled() -> None:
-    """Keep compiled programs from command to command, in ``$XDG_CACHE_HOME/lgprjax`` or ``~/.cache/lgprjax``.
+    """Cache compiled programs between commands, in ``$XDG_CACHE_HOME/lgprjax`` or ``~/.cache/lgprjax``.
 
     An optimisation only, and only before JAX is imported: existing environment variables are respected.
     """
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     keep_programs(root / "lgprjax" / "compiled")
-    # On a full disk what cannot be kept costs the next command time, no more.
+    # On a full disk the cache cannot be written; the next command compiles again.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """Read a command, without ``lgprjax``, and run it; the exit status."""
-    words = [str(word) for word in arguments]
+    """Read a command, without ``lgprjax``, and run it. Returns the exit status."""
+    words, levels = _without_levels([str(word) for word in arguments])
     show_every_character()
+    if len(levels) > 1:
+        print("lgprjax: --quiet and --verbose: expected only one of them, found both (see --help)", file=sys.stderr)
+        return USAGE
+    with output_level(levels.pop() if levels else Level.NORMAL):
+        return _run_words(words)
+
+
+_LEVELS = {"-q": Level.QUIET, "--quiet": Level.QUIET, "-v": Level.VERBOSE, "--verbose": Level.VERBOSE}
+
+
+def _without_levels(words: Sequence[str]) -> tuple[list[str], set[Level]]:
+    """The words of a command without ``-q`` and ``-v``, and the levels that they set."""
+    return [word for word in words if word not in _LEVELS], {_LEVELS[word] for word in words if word in _LEVELS}
+
+
+def _run_words(words: list[str]) -> int:
     # The configuration of a run names a folder of its own.
     if words[:1] != ["run"]:
         keep_compiled()
@@ -399,7 +418,7 @@ def run_command(arguments: Sequence[str]) -> int:
 
 
 def _named(words: Sequence[str]) -> list[str]:
-    """The words of a command that name a verb, or a group of verbs."""
+    """The words that name a command, or a group of commands."""
     verb = all_verbs().get(words[0]) if words else None
     if isinstance(verb, VerbGroup) and len(words) > 1 and words[1] in verb.verbs:
         return list(words[:2])
@@ -417,7 +436,7 @@ def _run(words: list[str]) -> int:
             if not words:
                 print(top_help(), end="", file=sys.stderr)
                 return 2
-            raise UsageError(f"{words[0]}: no such verb{_meant(words[0], list(known))}")
+            raise UsageError(f"{words[0]}: no such command{_meant(words[0], list(known))}")
         print(top_help(), end="")
         return 0
     verb = known[name[0]]
@@ -431,12 +450,15 @@ def _run(words: list[str]) -> int:
     if wants_help:
         print(verb_help(" ".join(name), verb), end="")
         return 0
+    rest, notes = current_names(" ".join(name), rest)
+    for note in notes:
+        print(f"lgprjax: {note}", file=sys.stderr)
     check_words(verb.options, rest, {each: one.options for each, one in every_verb()})
-    return _parse_and_run(words)
+    return _parse_and_run([*name, *rest])
 
 
 def _meant(word: str, known: Sequence[str]) -> str:
-    """A question that names what was probably meant by a word that is no verb; empty where nothing resembles it."""
+    """A question that suggests a command for an unknown word; empty if none is similar."""
     if recognised([word]) != [word]:
         return f"; did you mean import {word}?"
     near = difflib.get_close_matches(word.lower(), [*known, *_MEANT], n=1, cutoff=0.6)
@@ -457,12 +479,12 @@ _OUTPUTS = ("output", "json", "picture")
 
 
 def _refuse_own_input(verb: Any) -> None:
-    """Raise ``InputError`` where an output is one of the command's inputs: ``--force`` is about older outputs."""
+    """Raise ``InputError`` if an output is also an input: ``--force`` replaces older outputs only."""
     if not dataclasses.is_dataclass(verb):
         return
     given = {field.name: getattr(verb, field.name) for field in dataclasses.fields(verb)}
     if isinstance(verb, MapUpdate):
-        # Its map is what it replaces.
+        # It replaces its map.
         del given["output"]
     inputs = [
         path
@@ -479,14 +501,15 @@ def _refuse_own_input(verb: Any) -> None:
 def _parse_and_run(words: Sequence[str]) -> int:
     verb = parsed(words)
     _refuse_own_input(verb)
-    if getattr(verb, "json", None) == STANDARD_OUTPUT:
-        with figures_alone():
-            return verb.run() or 0
-    return verb.run() or 0
+    began_s = time.perf_counter()
+    with figures_alone() if getattr(verb, "json", None) == STANDARD_OUTPUT else nullcontext():
+        status = verb.run() or 0
+        detail(f"total: {time.perf_counter() - began_s:.1f} s")
+    return int(status)
 
 
 def parsed(words: Sequence[str]) -> Any:
-    """The dataclass that words describe."""
+    """The command's dataclass with the values of the words."""
     import tyro
 
     def one_of(verbs: Mapping[str, Verb | VerbGroup]) -> Any:

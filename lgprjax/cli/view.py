@@ -1,4 +1,4 @@
-"""``lgprjax view``: inspect data before any further processing."""
+"""``lgprjax view``: draw recordings and maps."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -7,17 +7,16 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from lgprjax.cli.terminal import UsageError, console, require_files, working
+from lgprjax.cli.terminal import UsageError, require_files, verdict, working
 from lgprjax.errors import InputError
 
 
 @dataclass(frozen=True)
 class View:
-    """Draw a vendor's file, a drive log or a map: a picture, or a page that can be zoomed.
+    """Draw a vendor file, a drive log or a map, as a PNG or as an HTML page with zoom.
 
-    Vendor files and drive logs become radargrams with travel time and depth down, distance along the bottom; dewowed,
-    background removed, with a gain stated in the caption. Drive logs also get a plan, and maps show the level of the
-    ground at five travel times, seen from above.
+    Vendor files and drive logs: a radargram, dewowed, background removed, with the gain in the caption; drive logs also
+    show a plan of the drive. Maps: time slices at five travel times.
     """
 
     files: Annotated[
@@ -36,17 +35,17 @@ class View:
         ),
     ] = None
     channel: int | None = None
-    """number, from 0, of the channel to draw; default: all of up to four, else the middle one"""
+    """channel to draw, counted from 0; default: all channels up to four, else the middle one"""
     raw: bool = False
     """amplitudes as recorded: no processing, no gain"""
     velocity_m_per_ns: float | None = None
     """wave speed for the depth axis; default: 0.1"""
     sample_interval_ns: float | None = None
-    """two-way travel time between samples of a SEG-Y file, if missing in its header"""
+    """two-way travel time between samples of a SEG-Y file, if the header does not contain it"""
     html: bool = False
-    """write a page that can be zoomed, FILE.html, instead of the picture"""
+    """write an HTML page with zoom, FILE.html, instead of a PNG"""
     force: bool = False
-    """replace outputs that exist"""
+    """replace existing outputs"""
 
     def run(self) -> None:
         """Draw."""
@@ -62,14 +61,14 @@ class View:
                 raise InputError(file, "file", "a recording or a map", "a folder")
             if not file.exists():
                 raise InputError(file, "file", "a readable file", "No such file or directory")
-            # Checked before anything is drawn: the last of many outputs may exist.
+            # Checked before drawing starts: the last output may exist.
             if output.exists() and not self.force:
-                raise InputError(output, "output", "a new file, or --force", "one that exists")
+                raise InputError(output, "output", "a new file, or --force", "an existing file")
         for file, output in zip(self.files, outputs, strict=True):
             with working(f"drawing {file}"):
                 output.parent.mkdir(parents=True, exist_ok=True)
                 self._draw(file, output)
-            console.print(f"wrote {output}", highlight=False, markup=False, soft_wrap=True)
+            verdict(f"wrote {output}")
 
     def _outputs(self) -> list[Path]:
         suffix = ".html" if self.html else ".png"
@@ -81,11 +80,11 @@ class View:
             return [self.output]
         folder = Path() if self.output is None else self.output
         if folder.exists() and not folder.is_dir():
-            raise InputError(folder, "output", "a folder, as there are several files", "a file")
+            raise InputError(folder, "output", "a folder for several files", "a file")
         outputs = [folder / (file.stem + suffix) for file in self.files]
         name, count = Counter(outputs).most_common(1)[0]
         if count > 1:
-            raise UsageError(f"files: expected names that differ, found {count} that become {name.name}")
+            raise UsageError(f"files: expected different names, found {count} that become {name.name}")
         return outputs
 
     def _draw(self, file: Path, output: Path) -> None:

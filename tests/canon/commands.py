@@ -29,7 +29,7 @@ class Done(NamedTuple):
     @property
     def about(self) -> str:
         """What the one line of a command that was refused is about: ``FILE: PLACE``, an option, or a word."""
-        (line,) = (self.err or self.out).strip().splitlines()
+        (line,) = (line for line in (self.err or self.out).strip().splitlines() if not line.startswith("result: "))
         told = line.removeprefix("lgprjax: ").removeprefix("error: ")
         assert told != line, line
         about, expected, _ = told.partition(": expected ")

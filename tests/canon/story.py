@@ -48,7 +48,7 @@ COMMANDS = (
     "import mcap live.mcap -o again.drive.h5",
     "check again.drive.h5",
     "simulate vehicle.toml -o vehicle --only straight",
-    "cover plan field.geojson -o p.cover.geojson --vehicle flail.vehicle.toml",
+    "cover plan field.geojson -o p.cover.geojson --vehicle flail.vehicle.toml --order zamboni",
     "cover record field/run --plan field/field.cover.geojson -o f.worked.h5 --json worked.json",
     "cover export f.worked.h5 -o handover --organisation Us --json handover.json",
 )

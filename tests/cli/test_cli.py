@@ -18,6 +18,8 @@ import pytest
 from canon.commands import run, succeed
 from canon.site import Site
 from canon.story import Story
+from lgprjax.cli.options import check_words
+from lgprjax.cli.verbs import every_verb
 from lgprjax.formats import DriveLog, DriveWriter, MapFile
 
 
@@ -172,6 +174,23 @@ def test_register_writes_what_it_promises(story: Story) -> None:
     (figures_of,) = json.loads((story.folder / "forced.json").read_text())
     assert figures_of["tried"] == (table["code"] != "no_window").sum()
     assert figures_of["ok"] == ok.sum()
+
+
+def test_every_command_ends_with_its_result_and_a_command_that_there_is(story: Story) -> None:
+    verbs = dict(every_verb())
+    following = set()
+    for step in story.steps:
+        if step.done.status == 0:
+            # With --json - it goes to standard error.
+            lines = (step.done.err or step.done.out).splitlines()
+            if lines[-1].startswith("next: lgprjax "):
+                words = lines.pop().removeprefix("next: lgprjax ").split()
+                name = next(each for each in (" ".join(words[:2]), words[0]) if each in verbs)
+                check_words(verbs[name].options, words[len(name.split()) :])
+                following.add(name)
+            assert lines[-1].startswith("result: "), step.words
+            assert sum(line.startswith(("result: ", "next: ")) for line in lines) == 1, step.words
+    assert {"map verify", "export", "check", "route select", "cover export"} <= following
 
 
 def test_another_drive_into_the_same_folder_loses_nothing_of_the_first(story: Story) -> None:

@@ -141,7 +141,8 @@ def test_three_corners_make_the_same_plan(work: Path, tmp_path: Path) -> None:
 
 def test_sides_and_moved_corners_are_told(work: Path, tmp_path: Path) -> None:
     corners = write_corners(tmp_path / "c.csv", FIELD_M[:3] + np.array([[0.0, 0.0], [0.0, 0.0], [0.15, 0.0]]))
-    options = ("--vehicle", work / "v.vehicle.toml", "--overlap", 0, "--order", "best")
+    # The default order is the best one.
+    options = ("--vehicle", work / "v.vehicle.toml", "--overlap", 0)
     said = succeed("plan", corners, "-o", tmp_path / "x.cover.geojson", *options)
     assert re.search(r"corner 3 .*0\.15 m", said)
     assert all(order in said for order in ("zamboni", "boustrophedon", "racetrack", "free"))
@@ -243,11 +244,11 @@ def test_the_export_is_whole(work: Path, tmp_path: Path) -> None:
     assert (out / "r.html").read_bytes() == before
 
 
-def test_the_confidence_is_asked_for(work: Path, tmp_path: Path) -> None:
+def test_the_levels_are_those_of_the_option(work: Path, tmp_path: Path) -> None:
     pytest.importorskip("pyogrio")
     exported = ("export", work / "r.worked.h5", "-o")
-    succeed(*exported, tmp_path / "usual", "--confidence", 0.996, 0.95)
-    said = succeed(*exported, tmp_path / "out", "--confidence", 0.99, "--json", tmp_path / "e.json")
+    succeed(*exported, tmp_path / "usual", "--level", 0.996, 0.95)
+    said = succeed(*exported, tmp_path / "out", "--level", 0.99, "--json", tmp_path / "e.json")
     (layer,) = json.loads((tmp_path / "e.json").read_text())["layers"]
     assert layer["level"] == 0.99
     assert "99 %" in layer["sentence"]
@@ -264,22 +265,22 @@ def test_the_confidence_is_asked_for(work: Path, tmp_path: Path) -> None:
     layers = {each["properties"]["layer"] for each in features}
     assert {name for name in layers if name.startswith("processed")} == {"processed_p99"}
     # A record that is made so says the same, and still answers for the usual levels.
-    succeed(*recorded(work), "-o", tmp_path / "r.worked.h5", "--confidence", 0.99)
+    succeed(*recorded(work), "-o", tmp_path / "r.worked.h5", "--level", 0.99)
     record, usual = read_worked(tmp_path / "r.worked.h5"), read_worked(work / "r.worked.h5")
     assert record.cells.level.tolist() == [0.99]
     np.testing.assert_array_equal(record.cells.probability, usual.cells.probability)
-    succeed("export", tmp_path / "r.worked.h5", "-o", tmp_path / "back", "--confidence", 0.95, 0.996)
+    succeed("export", tmp_path / "r.worked.h5", "-o", tmp_path / "back", "--level", 0.95, 0.996)
     assert (tmp_path / "back" / "r.cells.csv").read_bytes() == (tmp_path / "usual" / "r.cells.csv").read_bytes()
 
 
-def test_an_impossible_confidence_is_one_line(work: Path, tmp_path: Path) -> None:
+def test_an_impossible_level_is_one_line(work: Path, tmp_path: Path) -> None:
     export = ("export", work / "r.worked.h5", "-o", tmp_path / "out")
     record = ("record", work / "one", "--plan", work / "f.cover.geojson", "-o", tmp_path / "r.worked.h5")
     for level in ("0.5", "1", "nan"):
         for words in (export, record):
-            done = run(*words, "--confidence", level)
+            done = run(*words, "--level", level)
             assert done.status == 2
-            done.refusal.check("--confidence", 0.5, 0.9999, found=level)
+            done.refusal.check("--level", 0.5, 0.9999, found=level)
     assert not list(tmp_path.iterdir())
 
 
@@ -309,7 +310,8 @@ def test_a_field_that_is_none_is_one_line(work: Path, tmp_path: Path, name: str)
         geojson(field, corners)
     else:
         field.write_text(json.dumps({"type": "Polygon", "coordinates": corners}))
-    done = run("plan", field, "-o", tmp_path / "x.cover.geojson", "--vehicle", work / "v.vehicle.toml")
+    options = ("--vehicle", work / "v.vehicle.toml", "--order", "zamboni")
+    done = run("plan", field, "-o", tmp_path / "x.cover.geojson", *options)
     assert done.status == 1
     done.refusal.check(place, *values, file=field)
     assert [path.name for path in tmp_path.iterdir()] == ["f.geojson"]

@@ -19,10 +19,10 @@ def drive(tmp_path: Path) -> Path:
 def test_there_and_back(drive: Path, story: Story) -> None:
     exported, imported = story.step("export").done.out, story.step("import mcap").done.out
     # What there are no messages for is told, and where the drive was.
-    assert exported.startswith("wrote live.mcap: ")
+    assert exported.splitlines()[-1].startswith("result: wrote live.mcap: ")
     assert "truth" in exported
     assert imported.splitlines()[0].startswith("place: 42.")
-    assert imported.splitlines()[-1] == "wrote again.drive.h5"
+    assert imported.splitlines()[-2].startswith("result: wrote again.drive.h5: ")
     recording, again = drive.with_name("a.mcap"), drive.with_name("b.drive.h5")
     for forced in ((), ("--force",)):
         succeed("export", drive, "-o", recording, *forced)

@@ -48,7 +48,7 @@ def test_check_says_what_was_assumed(tmp_path: Path) -> None:
         assert "time (unknown)" in told
         assert "odometry (" in told
     shown, health = health_of(drive)
-    assert shown.splitlines()[-1].endswith(f": {', '.join(health['assumed'])}")
+    assert any(line.endswith(f": {', '.join(health['assumed'])}") for line in shown.splitlines())
     jitter = next(row for row in health["figures"] if row["name"] == "time_jitter")
     assert (jitter["verdict"], jitter["value"], jitter["look"]) == ("not recorded", None, None)
 
@@ -61,14 +61,17 @@ def test_a_drive_without_radar_is_judged_by_its_odometry_and_gnss(short: Path, t
     shown, health = health_of(plain)
     assert (health["kind"], health["scans"]) == ("no radar", 0)
     assert {"gnss_outage", "odometer_scale"} <= {row["name"] for row in health["figures"]}
-    assert shown.splitlines()[-1].endswith(health["verdict"])
+    result, following = shown.splitlines()[-2:]
+    assert result.startswith("result: 1 file, 0 with errors")
+    assert result.endswith(health["verdict"])
+    assert following == f"next: lgprjax map build {plain} -o M.map.h5"
     checked = lx.check(plain, health=True).health
     assert checked is not None
     assert (checked.kind, checked.verdict) == ("no radar", health["verdict"])
     # Without GNSS at that time there is nothing to judge.
     with h5py.File(plain, "r+") as store:
         store["gnss_ins/time_s"][:] += 1e4
-    assert not {"good", "bad", "look"} & set(succeed("check", plain, "--health").splitlines()[-1].split())
+    assert not {"good", "bad", "inspect"} & set(succeed("check", plain, "--health", "-q").split())
 
 
 def test_health_of_what_is_no_drive(site: Site, short: Path, tmp_path: Path) -> None:

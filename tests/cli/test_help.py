@@ -1,4 +1,4 @@
-"""Help, version, completion, figures on standard output, and Ctrl-C at the first instant."""
+"""Help, reference, old names of options, amount of output, completion, figures on standard output, early Ctrl-C."""
 
 import contextlib
 import io
@@ -13,8 +13,8 @@ import pytest
 
 import lgprjax
 from canon.commands import run
-from lgprjax.cli.help import reference_page, top_help, verb_help
-from lgprjax.cli.options import options_of
+from lgprjax.cli.help import SHARED, reference_page, top_help, verb_help
+from lgprjax.cli.options import current_names, options_of
 from lgprjax.cli.verbs import VERBS, VerbGroup, all_verbs, every_verb, parsed
 
 _ROOT = Path(__file__).parents[2]
@@ -77,9 +77,84 @@ def test_groups_list_their_verbs() -> None:
         assert run(name)[0] == 2
 
 
-def test_the_reference_page_is_made_from_the_verbs() -> None:
+def test_the_reference_has_every_command_and_option() -> None:
+    parts = re.split(r"^## lgprjax (.+)\n", reference_page().replace("\\|", "|"), flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    assert list(sections) == list(_EVERY)
+    for name, text in sections.items():
+        assert all(f"`{', '.join(option.names)}" in text for option in options_of(_EVERY[name].options))
+        assert all(f"lgprjax {example}\n" in text for example in _EVERY[name].examples)
+    assert all(f"`{', '.join(option.names)}`" in parts[0] for option in SHARED)
+
+
+def test_the_page_names_every_command() -> None:
     page = (_ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-    assert page == reference_page(), "python -m lgprjax.cli.help > docs/cli.md"
+    assert {name for name in all_verbs() if f"- `lgprjax {name}`: " not in page} == set()
+    assert all(f"`{option.names[-1]}`" in page for option in SHARED)
+    assert len(page.split()) <= 500
+
+
+def test_an_option_has_one_type_in_all_commands() -> None:
+    """Apart from the number of values, and from a format's own choices."""
+    types: dict[str, set[frozenset[type]]] = {}
+    for verb in _EVERY.values():
+        for option in options_of(verb.options):
+            types.setdefault(option.names[-1], set()).add(frozenset(option.reads))
+    assert {name for name, found in types.items() if len(found) > 1 and name.startswith("--")} == set()
+
+
+@pytest.mark.parametrize(
+    ("verb", "old", "new"),
+    [
+        ("import signals", "a.csv --map m.toml", "a.csv --columns m.toml"),
+        ("import signals", "a.csv --map=m.toml", "a.csv --columns=m.toml"),
+        ("cover export", "r --confidence 0.9 0.99", "r --level 0.9 0.99"),
+        ("import gprmax", "a.out --start_m 2", "a.out --first-trace-m 2"),
+        ("import lines", "a.DT1 --time-zero 3.2", "a.DT1 --time-zero-ns 3.2"),
+        ("import lines", "a.DT1 --time-zero header", ""),
+        ("cover plan", "f --confidence 0.9", ""),
+        ("recover", "run --map m.map.h5", ""),
+    ],
+)
+def test_old_names_of_options_work_with_a_note(verb: str, old: str, new: str) -> None:
+    words, notes = current_names(verb, old.split())
+    assert words == (new or old).split()
+    assert len(notes) == bool(new)
+    known = {name for option in options_of(_EVERY[verb].options) for name in option.names}
+    assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known
+
+
+def test_a_note_goes_to_standard_error_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.csv").write_text("", encoding="utf-8")
+    done = run("import", "signals", "a.csv", "--map", "none.toml", "-o", "a.drive.h5")
+    note, refusal = done.err.splitlines()
+    assert "--map" in note
+    assert "--columns" in note
+    assert refusal.startswith("lgprjax: none.toml: ")
+    assert (done.status, done.out) == (1, "")
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_the_amount_of_output_is_set_anywhere(place: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["examples", "--force"]
+
+    def said(*options: str) -> list[str]:
+        done = run(*words[:place], *options, *words[place:])
+        assert (done.status, done.err) == (0, "")
+        return done.out.splitlines()
+
+    usual = said()
+    (result,) = said("-q")
+    assert usual[-2:][0] == result
+    assert result.startswith("result: ")
+    assert usual[-1].startswith("next: lgprjax ")
+    assert len(usual) > 2
+    told = said("--verbose")
+    assert [line for line in told if line in usual] == usual
+    (timing,) = (line for line in told if line not in usual)
+    assert re.fullmatch(r"total: [0-9.]+ s", timing)
 
 
 def test_completion_knows_the_verbs() -> None:

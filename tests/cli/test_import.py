@@ -35,7 +35,9 @@ def test_import_check_and_what_is_in_it(case: str, tmp_path: Path) -> None:
     paths = make(tmp_path)
     output = tmp_path / "X.drive.h5"
     place = ("--latitude-deg", 48, "--longitude-deg", 11, "--heading-deg", 30)
-    assert succeed("import", verb, *paths, *options, *place, "-o", output).endswith(f"wrote {output}\n")
+    *_, result, following = succeed("import", verb, *paths, *options, *place, "-o", output).splitlines()
+    assert result == f"result: wrote {output}: 12 scans, {channels} channel{'s' if channels > 1 else ''}"
+    assert following == f"next: lgprjax check {output} --health"
     succeed("check", output)
     with DriveLog.open(output) as log:
         assert (log.scans, log.channels, log.samples) == (12, channels, 40)
@@ -182,7 +184,7 @@ def test_table_has_a_row_a_line_and_says_what_is_assumed(tmp_path: Path) -> None
     paths, _ = write_survey(tmp_path, firsts=[10, 12, 9], reversed_lines=[1], inverted=[2], time_zeros={0: 0.0})
     output = tmp_path / "X.drive.h5"
     told = succeed("import", *paths, "--line-spacing-m", 0.5, "-o", output).splitlines()
-    _, *rows, legend, assumed, extent, wrote, origin = told
+    _, *rows, legend, assumed, origin, extent, wrote, _ = told
     assert [row.split()[:2] for row in rows] == [[path.name, "100"] for path in paths]
     assert ["reversed" in row for row in rows] == [False, True, False]
     assert ["inverted" in row for row in rows] == [False, False, True]
@@ -190,15 +192,15 @@ def test_table_has_a_row_a_line_and_says_what_is_assumed(tmp_path: Path) -> None
     assert legend.endswith("tape")
     named = ("time (unknown)", "speed (1 m/s)", "(latitude 0, longitude 0)", "direction (as stored)")
     assert all(each in assumed for each in named)
-    assert wrote == f"wrote {output}"
+    assert wrote.startswith(f"result: wrote {output}: 102 scans, 3 channels")
     assert "latitude 0, longitude 0" in origin
     assert all(length in extent for length in ("25.2 m", "1.00 m"))
     # A single line cannot tell its direction; where it lies was said.
     told = succeed("import", paths[0], "--latitude-deg", 48, "-o", output, "--force").splitlines()
-    _, row, _, assumed, place, wrote = told
+    _, row, _, assumed, place, wrote, _ = told
     assert place.startswith("place: 48.0000 N, 0.0000 E; extent: 24.7 m")
     assert "assumed" in row
-    assert wrote == f"wrote {output}"
+    assert wrote.startswith(f"result: wrote {output}: ")
     assert "direction (as stored)" in assumed
     assert "latitude" not in assumed
 

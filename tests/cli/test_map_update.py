@@ -15,7 +15,7 @@ def test_what_it_says(trench: TrenchSite, tmp_path: Path) -> None:
     new, figures = tmp_path / "new.map.h5", tmp_path / "figures.json"
     said = " ".join(succeed("map", "update", trench.map, trench.newer[0], "-o", new, "--json", figures).split())
     assert "newer1: baseline 2, 22 m" in said
-    assert f"wrote {new}" in said
+    assert f"result: wrote {new}: 1 baseline added" in said
     told = json.loads(figures.read_text())
     (drive,) = told["drives"]
     assert drive["name"] == "newer1"

@@ -51,7 +51,7 @@ def test_a_field_is_driven_recorded_and_replayed_to_the_same_frames(field: Path)
     known = near < len(poses.mono_ns)
     live = np.stack([drive.rows[name] for name in ("x_m", "y_m")], axis=1)[known]
     assert np.median(np.hypot(*(poses.live[near[known], :2] - live).T)) < 2e-3
-    assert smoothed.provenance["poses"] == "smoothed forward and back"
+    assert smoothed.provenance["poses"] == "smoothed forward and backward"
     assert np.isfinite(smoothed.rows["x_m"]).all()
     told = json.loads(succeed("run", folder / "simulated.run.toml", "--replay", folder, "--json", "-"))
     assert told["differing"] == 0

@@ -49,7 +49,7 @@ VENDORS: dict[str, tuple[Callable[[Path], Path], float, float, float]] = {
 def test_every_vendors_file_becomes_a_picture(vendor: str, here: Path) -> None:
     make, first_ns, second_ns, start_m = VENDORS[vendor]
     path = make(here)
-    assert succeed("view", path) == f"wrote {path.stem}.png\n"
+    assert succeed("view", path) == f"result: wrote {path.stem}.png\n"
     assert (here / f"{path.stem}.png").read_bytes().startswith(b"\x89PNG")
     (radargram,) = profile_view(path).radargrams
     assert radargram.in_metres

@@ -18,7 +18,7 @@ from lgprjax.cli import main
 from vendor_sets import COUNTS, write_cmu
 
 _MAP = (Path(__file__).parents[2] / "tuning" / "signals.toml").read_text(encoding="utf-8")
-_SIGNALS = "import signals a.csv --map m.toml"
+_SIGNALS = "import signals a.csv --columns m.toml"
 
 
 def _lines(*names: str) -> list[Path]:
@@ -322,23 +322,23 @@ WRONG: dict[str, tuple[Callable[[], object], str, str, tuple[str, ...]]] = {
     ),
     "a folder for a table": (
         lambda: _signals().with_suffix(".d.csv").mkdir(),
-        "import signals a.d.csv --map m.toml",
+        "import signals a.d.csv --columns m.toml",
         "a.d.csv: file",
         ("CSV",),
     ),
     "a spreadsheet": (
         lambda: (_signals(), Path("a.xlsx").write_bytes(b"PK")),
-        "import signals a.xlsx --map m.toml",
+        "import signals a.xlsx --columns m.toml",
         "a.xlsx: file name",
         ("CSV",),
     ),
     # Words.
-    "signals without import": (_nothing, "signals a.csv --map m.toml", "signals", ("import signals",)),
+    "signals without import": (_nothing, "signals a.csv --columns m.toml", "signals", ("import signals",)),
     "signal": (_nothing, "signal a.csv", "signal", ("import signals",)),
     "a part of another group": (_nothing, "plan a.geojson", "plan", ("cover plan",)),
     "a recording for a verb": (_lines, "L1.DT1", "L1.DT1", ("import L1.DT1",)),
     "a format misspelt": (_nothing, "import seg-y a.sgy", "seg-y", ("segy",)),
-    "a table without its format": (_signals, "import a.csv", "a.csv", ("FILE", "--map", "COLUMNS.toml")),
+    "a table without its format": (_signals, "import a.csv", "a.csv", ("FILE", "--columns", "COLUMNS.toml")),
 }
 
 
@@ -382,7 +382,7 @@ SAID: dict[str, tuple[Callable[[], object], str, str, tuple[str, ...]]] = {
     "some words": (
         lambda: _signals(_words(range(11, 14))),
         _SIGNALS,
-        "left out of speed",
+        "skipped in speed",
         ("3 of 400", "'v_kmh'", "'err'", "row 11"),
     ),
     "notes beside a line": (

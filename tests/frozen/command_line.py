@@ -10,7 +10,8 @@ WRONG: dict[str, list[str]] = {
     "no verb": [],
     "unknown verb": ["locate"],
     "unknown option": ["check", "x.drive.h5", "--loud"],
-    "no output": ["register", "m.map.h5", "x.drive.h5"],
+    "no output": ["register", "text.map.h5", "empty.drive.h5"],
+    "no output and no map": ["register", "nowhere.map.h5", "empty.drive.h5"],
     "no files": ["check"],
     "no map": ["register", "nowhere.map.h5", "x.drive.h5", "-o", "r"],
     "no drive": ["map", "build", "nowhere.drive.h5", "-o", "m.map.h5"],
@@ -54,7 +55,7 @@ def options_of_verbs() -> dict[str, list[str]]:
         assert status == 0, words
         usage, _, rest = text.partition("\n\n")
         table, _, _ = rest.partition("\nExamples\n")
-        if "VERB ..." in usage or "[FORMAT]" in usage:
+        if "COMMAND ..." in usage or "[FORMAT]" in usage:
             waiting += [[*words, verb[1]] for line in table.splitlines() if (verb := _VERB.match(line))]
             continue
         told = table.partition("Options\n")[2].splitlines()
