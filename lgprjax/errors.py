@@ -44,4 +44,4 @@ def refuse_own_input(output: Path, inputs: Iterable[Path]) -> None:
         InputError: it is one of them.
     """
     if output.is_file() and any(path.is_file() and output.samefile(path) for path in inputs):
-        raise InputError(output, "output", "another file than those that are read", "one of them")
+        raise InputError(output, "output", "a file that is not an input", "an input file")

@@ -25,12 +25,12 @@ def load_toml(path: str | Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
     except UnicodeDecodeError as error:
-        hdf5 = "HDF5, as drive logs and maps are"
-        found = hdf5 if data.startswith(b"\x89HDF") else f"bytes that are no text in UTF-8, from byte {error.start} on"
-        raise InputError(path, "file", "TOML, which is a text", found) from None
+        hdf5 = "HDF5 (the format of drive logs and maps)"
+        found = hdf5 if data.startswith(b"\x89HDF") else f"bytes that are not UTF-8, from byte {error.start} on"
+        raise InputError(path, "file", "TOML (a text format)", found) from None
     except tomllib.TOMLDecodeError as error:
         # No TOML begins with a brace.
-        found = "JSON, as fields and plans of fields are" if data.lstrip().startswith(b"{") else str(error)
+        found = "JSON (the format of fields and coverage plans)" if data.lstrip().startswith(b"{") else str(error)
         raise InputError(path, "file", "TOML", found) from None
 
 

@@ -9,9 +9,9 @@
 # ---
 
 # %% [markdown]
-# # What limits a fix, and can it be believed?
+# # Accuracy and reliability of fixes
 #
-# How far fixes are off, what makes them better, whether they know how far they are off, and how sure it is that they are not somewhere else. Drives whose true places are known can tell: simulated ones, or your own with survey-grade positions in `truth`.
+# This notebook measures the errors of fixes, what reduces them, whether sigmas match the errors, and the probability of false matches. It needs drives with known positions: simulated ones, or your own with survey-grade positions in `truth`.
 
 # %%
 from pathlib import Path
@@ -22,7 +22,7 @@ FOREIGN = None  # one over other ground
 OUTPUT = Path("../out/notebooks/accuracy")
 
 # %% [markdown]
-# Without logs of your own: a made-up road of 70 m, as in `first_registration`.
+# If you have no drive logs, this cell simulates a road of 70 m, as in `first_registration`.
 
 # %%
 import lgprjax as lx
@@ -33,7 +33,7 @@ if not BASELINES:
     LIVE, FOREIGN = logs["live"], logs["impostor"]
 
 # %% [markdown]
-# **How much of the ground the map knows.** The baselines were driven 0.3 m to each side of the lane's middle, the live drive 0.2 m to the left of it. On the left one alone most of the array lies over the map, on the right one alone less.
+# **Overlap with the map.** The baselines are 0.3 m to each side of the lane's centre, and the live drive is 0.2 m to the left of it. Most of the array overlaps the left baseline, and less of it the right one.
 
 # %%
 sites = {"left": BASELINES[:1], "right": BASELINES[1:], "both": BASELINES}
@@ -63,9 +63,9 @@ for name, found in fixes.items():
 pd.DataFrame(rows).T.rename_axis("map of").round(1)
 
 # %% [markdown]
-# An error that all fixes share is the map's: its baselines were labelled by a receiver that was off by centimetres, and no match can know. `lgprjax map refine` makes baselines agree with each other.
+# An error common to all fixes is an error of the map: the positions of its baselines were off by centimetres, and a match cannot detect this. `lgprjax map refine` makes baselines agree with each other.
 #
-# **Whether a fix knows its error.** Each error, divided by the sigma that the fix told. If sigmas are honest, 68 % lie within one and 95 % within two; the curve is what a normal law gives.
+# **Calibration of sigmas.** Each error is divided by the sigma of its fix. If sigmas are correct, 68 % of the ratios are within one and 95 % within two; the curve is the normal distribution.
 
 # %%
 import matplotlib.pyplot as plt
@@ -81,7 +81,7 @@ for side, error, sigma, name in zip(axes, errors_m(both), told.T, ("along", "acr
     side.set(xlabel=f"error {name} / sigma", title=f"{100 * np.mean(np.abs(z) < 2):.0f} % within two sigma")
 
 # %% [markdown]
-# **Whether it could be somewhere else.** `p_false` is the probability that ground that is not the map's would have passed the whole search as well. A scan alone, or the shortest window of travel that keeps it within the accepted risk, makes a fix; the ground of the foreign drive never does.
+# **Probability of a false match.** `p_false` is the probability that ground from another place would have passed the complete search. Each fix uses a single scan, or the shortest window of travel that keeps `p_false` within the accepted risk. The ground of the foreign drive never reaches it.
 
 # %%
 foreign = lx.register(OUTPUT / "both.map.h5", FOREIGN)
@@ -95,7 +95,7 @@ figure.legend(loc="outside upper center", ncols=3)
 plt.show()
 
 # %% [markdown]
-# How much travel it took, and what longer windows gain: the window averages errors that are independent from scan to scan, and keeps those that the map makes.
+# Window lengths of the fixes, and the errors for longer windows. A window averages errors that are independent between scans. It does not reduce errors of the map.
 
 # %%
 bins = pd.cut(both.table["window_m"], [-0.01, 0.01, 1.5, 3, 6, 12], labels=["scan", "1 m", "2 m", "4 m", "8 m"])

@@ -11,7 +11,7 @@
 # %% [markdown]
 # # Re-registering an archive
 #
-# An archive of drives is registered on its map by worker processes. Then the map gets better, here because its baselines are made to agree with each other, and everything is registered anew: what do the drives gain?
+# Worker processes register an archive of drives on its map. Then the baselines of the map are aligned with each other, and all drives are registered again. How much do the fixes improve?
 
 # %%
 from pathlib import Path
@@ -21,7 +21,7 @@ DRIVES = ()  # your own drive logs to be located on it
 OUTPUT = Path("../out/notebooks/archive")
 
 # %% [markdown]
-# Without logs of your own: three baselines of a made-up road of 25 m whose GNSS was wrong by some decimetres, each another way; three drives of other days, and one over other ground, which must stay without a fix.
+# If you have no drive logs, this cell simulates three baselines of a road of 25 m with different GNSS errors of some decimetres, three drives of other days, and one drive over other ground, which must get no fix.
 
 # %%
 import lgprjax as lx
@@ -47,7 +47,7 @@ if not BASELINES:
     BASELINES, DRIVES = logs[:3], logs[3:]
 
 # %% [markdown]
-# The map as its labels have it, and all drives on it. A second call would find everything done and do nothing. `largest_m` is against the truth, so that it holds what the labels of the map are wrong by.
+# Build the map with the positions as recorded, and register all drives. A second call finds all results complete and does nothing. `largest_m` is the error against the truth, so it includes the position errors of the map.
 
 # %%
 FIGURES = ["scans", "ok", "correlation_ok", "largest_m"]
@@ -57,7 +57,7 @@ before = lx.register_many(as_labelled, DRIVES, OUTPUT / "before", workers=2).tab
 before[FIGURES]
 
 # %% [markdown]
-# Now the baselines are registered on each other, and their labels are moved until they agree.
+# Register the baselines on each other and correct their positions until they agree.
 
 # %%
 agreed = as_labelled.refine(OUTPUT / "agreed.map.h5", force=True)
@@ -69,7 +69,7 @@ after = lx.register_many(agreed.map, DRIVES, OUTPUT / "after", workers=2).table.
 after[FIGURES]
 
 # %% [markdown]
-# What it was worth: ground that its baselines agree on is sharp, and drives match it better. Fixes are positions on the map: by how much all of its labels are wrong together no radar can tell, and `sigma_after_m` above says how large that may still be.
+# The improvement: ground from consistent baselines is sharp, and drives match it better. Fixes are positions in the map's frame. Radar cannot measure the common error of all baselines; `sigma_after_m` above gives its size.
 
 # %%
 import matplotlib.pyplot as plt
@@ -83,4 +83,4 @@ axes.invert_yaxis()
 print(pd.DataFrame({"ok before": before["ok"] / before["scans"], "ok after": after["ok"] / after["scans"]}).round(3))
 
 # %% [markdown]
-# `after/archive.html` has the map of the worst places, drive by drive. On a cluster the same: `scheduler=ADDRESS` instead of `workers`.
+# `after/archive.html` has a map of the worst places, by drive. For a cluster, use `scheduler=ADDRESS` instead of `workers`.

@@ -11,7 +11,7 @@
 # %% [markdown]
 # # The record of a worked field
 #
-# From three corners to a plan, from a recorded run to a map of what was worked, and from there to what is handed over. A record says *processed*, *uncertain* or *not processed*, at a confidence; a machine pass is not clearance, and nothing here says that ground is free of hazards.
+# From three corners to a plan, from a recorded run to a map of the worked area, and to the files for handover. A record states *processed*, *uncertain* or *not processed* at a confidence level. A machine pass is not clearance: nothing here states that ground is free of hazards.
 
 # %%
 from pathlib import Path
@@ -22,7 +22,7 @@ RUN = Path("../out/notebooks/coverage_record/run")  # your own recorded run
 OUTPUT = Path("../out/notebooks/coverage_record")
 
 # %% [markdown]
-# Without corners of your own: three of a field of 12 by 9 m on a salt flat, as somebody drove to them. The plan joins the first line to the middle one by wide turns to one hand (Zamboni); `lgprjax cover plan` does the same.
+# If you have no corners, this cell uses three corners of a field of 12 by 9 m. The plan connects the first swath to the middle one by wide turns to one side (Zamboni). `lgprjax cover plan` does the same.
 
 # %%
 import lgprjax as lx
@@ -41,7 +41,7 @@ print(f"tightest turn {pattern.tightest_radius_m:.2f} m, up to {room_m:g} m beyo
 axes = plan.plot()
 
 # %% [markdown]
-# Without a run of your own: a drive along the plan at 0.35 m/s, with GNSS for 60 s of every 90 s. While it is off, the position's sigma grows from 1.2 to 13 cm. In between the tool stops turning for five seconds.
+# If you have no run, this cell simulates a drive along the plan at 0.35 m/s, with GNSS for 60 s of every 90 s. Without GNSS, the position sigma grows from 1.2 to 13 cm. The tool stops for five seconds during the run.
 
 # %%
 import numpy as np
@@ -65,7 +65,7 @@ if not RUN.exists():
     rows["tool"][stopped], rows["stop"][stopped] = 1, 4
 
 # %% [markdown]
-# What was driven is written as a run records it on board.
+# Write the drive in the format of an onboard recording.
 
 # %%
 import json
@@ -89,7 +89,7 @@ if not RUN.exists():
 print("the run's segments:", *(path.name for path in sorted(RUN.glob("*.lgprun"))))
 
 # %% [markdown]
-# Each cell gets the probability of its best pass, from the pose, its covariance and the tool's rectangle. The sentences are all that may be said; the second half of each is Markov's bound, which holds however the errors of neighbouring cells hang together. This is `lgprjax cover record`.
+# Each cell gets the probability of its best pass, from the pose, its covariance and the tool's rectangle. The second half of each sentence is Markov's bound, which holds for any correlation between the errors of neighbouring cells. `lgprjax cover record` does the same.
 
 # %%
 worked = lx.record_coverage(plan, RUN, OUTPUT / "field.worked.h5", cell_m=0.1, force=True)
@@ -99,14 +99,14 @@ print("stops:", worked.figures.stops)
 axes = worked.plot()
 
 # %% [markdown]
-# What is handed over: GeoPackage, GeoJSON, KML, turning points and a report to be signed, as `lgprjax cover export` writes them.
+# Files for handover: GeoPackage, GeoJSON, KML, turning points, and a report to sign, as written by `lgprjax cover export`.
 
 # %%
 files = worked.export(OUTPUT / "export", force=True)
 print(*sorted(path.name for path in files), sep="\n")
 
 # %% [markdown]
-# What the record leaves is planned again, and the next run adds up with this one by the larger probability (`lgprjax cover plan ... --gaps field.worked.h5`).
+# Plan the remaining gaps (`lgprjax cover plan ... --gaps field.worked.h5`). In the combined record of both runs, each cell has the larger of its two probabilities.
 
 # %%
 rest = lx.plan_coverage(CORNERS, VEHICLE, overlap=0.25, gaps_of=worked, level=0.95)

@@ -11,7 +11,7 @@
 # %% [markdown]
 # # The health of a drive
 #
-# Before a drive becomes a map: was it recorded well? Every figure has a limit from which it should be looked at, and one from which it is bad. `lgprjax check --health` prints the same.
+# Check the quality of a recording before you build a map from it. Every figure has two limits: *look* and *bad*. `lgprjax check --health` prints the same figures.
 
 # %%
 from pathlib import Path
@@ -20,7 +20,7 @@ DRIVES = ()  # your own drive logs, X.drive.h5
 OUTPUT = Path("../out/notebooks/drive_health")
 
 # %% [markdown]
-# Without logs of your own: a sound drive, and the same with faults such as radars have. One antenna's cable is loose, the digitiser loses 40 scans, and the odometer's wheel is taken to be 4 % too large.
+# If you have no drive logs, this cell simulates a good drive, and the same drive with common faults: a loose antenna cable, 40 lost scans, and an odometer with a scale error of 4 %.
 
 # %%
 import h5py
@@ -48,7 +48,7 @@ if not DRIVES:
 print(*(path.name for path in DRIVES))
 
 # %% [markdown]
-# What the check says of each:
+# Result of the check for each drive:
 
 # %%
 health = {path.name.removesuffix(".drive.h5"): lx.check(path, health=True).health for path in map(Path, DRIVES)}
@@ -56,7 +56,7 @@ for name, found in health.items():
     print(f"{name}: {found.scans} scans, {found.travel_m:.0f} m: {found.verdict}")
 
 # %% [markdown]
-# All figures side by side, in units of the limit at which they are bad: what reaches beyond the dashed line spoils a map.
+# All figures, relative to the limit at which they are bad. Values beyond the dashed line spoil a map.
 
 # %%
 import matplotlib.pyplot as plt
@@ -81,7 +81,7 @@ axes.legend()
 plt.show()
 
 # %% [markdown]
-# What was found, in words, and where along the drive:
+# The findings in words, and their places along the drive:
 
 # %%
 for name, found in health.items():

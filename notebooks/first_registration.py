@@ -11,7 +11,7 @@
 # %% [markdown]
 # # A first registration
 #
-# Two drives over the same road are a map. A third drive, on another day and with GNSS wrong by a metre, is located against it by its radar alone; a fourth, over other ground, must be refused.
+# Two drives over the same road make a map. A third drive, on another day and with GNSS off by one metre, is located on it by its radar alone. A fourth drive, over other ground, must be rejected.
 
 # %%
 from pathlib import Path
@@ -21,7 +21,7 @@ LIVE = ()  # your own drive logs to be located on it
 OUTPUT = Path("../out/notebooks/first_registration")
 
 # %% [markdown]
-# Without logs of your own: drives over a made-up road of 70 m. The ground is drawn from a seed and seen by a radar of 11 channels; its true places are known, so that errors can be told.
+# If you have no drive logs, this cell simulates drives over a road of 70 m with a radar of 11 channels. The ground is random, from a seed. True positions are known, so errors can be computed.
 
 # %%
 import lgprjax as lx
@@ -33,14 +33,14 @@ if not BASELINES:
 print(*(lx.open_drive(log) for log in (*BASELINES, *LIVE)), sep="\n")
 
 # %% [markdown]
-# The map keeps the drives as stations at equal steps along the track, with the radar's signal of every channel in the band of its antennas. `lgprjax map build` does the same, `lgprjax map verify` says whether it can be trusted.
+# The map stores the drives as stations at equal steps along the track, with the in-band radar signal of every channel. `lgprjax map build` makes the same map, and `lgprjax map verify` rates it.
 
 # %%
 site = lx.build_map(BASELINES, OUTPUT / "site.map.h5", force=True)
 print(site)
 
 # %% [markdown]
-# Every scan is searched for within 1.5 m of where GNSS believes the vehicle to be. A fix has a covariance and a code; **only `ok` is a position.**
+# Each scan is searched within 1.5 m of its GNSS position. A fix has a covariance and a code; **use only fixes with the code `ok` as positions.**
 
 # %%
 found = [lx.register(site, log, options=lx.RegisterOptions(search_m=1.5)) for log in LIVE]
@@ -49,7 +49,7 @@ for fixes in found:
     print(f"{fixes.name}: " + ", ".join(f"{count} {code}" for code, count in codes.items()))
 
 # %% [markdown]
-# What the fixes of the first drive are worth: their error across the track, beside that of the GNSS that they began from, and the sigma that each of them told.
+# Accuracy of the first drive: cross-track error of the fixes, cross-track error of the GNSS positions, and the sigma of each fix.
 
 # %%
 import numpy as np
@@ -85,13 +85,13 @@ axes.legend()
 plt.show()
 
 # %% [markdown]
-# Scan by scan: point at one to read its numbers, or step from scan to scan by n and p; zoom by the wheel, by two fingers, or by + and −. (Where notebooks are shown without scripts, as on GitHub, the picture is missing.)
+# Single scans: point at a scan to read its values, step with n and p, and zoom with the wheel, with two fingers, or with + and −. (The picture needs scripts and is missing on GitHub.)
 
 # %%
 lx.zoom(live)
 
 # %% [markdown]
-# The drive over other ground: correlations as high as chance makes them, and no fix is called `ok`. `lgprjax register MAP DRIVE... -o DIR` writes fixes, pictures and a report of all this.
+# The drive over other ground: correlations stay at chance level, and no fix is `ok`. `lgprjax register MAP DRIVE... -o DIR` writes fixes, pictures and a report.
 
 # %%
 figure, axes = plt.subplots(figsize=(9, 2.6), layout="constrained")

@@ -11,7 +11,7 @@
 # %% [markdown]
 # # From the first tracking log to a tuned vehicle file
 #
-# The autopilot has driven two courses with a cautious look-ahead, engaged three metres beside the path. How well did it follow; what do the logs tell of servo and chassis; which look-ahead would be better? Put your own drive logs, with the fixes of `lgprjax register` beside them, or folders of recorded runs, in the next cell.
+# The autopilot has driven two courses with a cautious look-ahead, starting three metres off the path. How accurate was the tracking? What do the logs show about servo and chassis? Which look-ahead is better? In the next cell, enter your own drive logs (with the fixes of `lgprjax register` in the same folder) or folders of recorded runs.
 
 # %%
 import lgprjax as lx
@@ -22,14 +22,14 @@ drives = lx.simulate("../tuning/tracking_drives.toml", f"{OUTPUT}/drives", force
 logs = [drives["first"], drives["second"]]
 
 # %% [markdown]
-# Offsets by fixes that are smoothed back and forth; who steered is told apart.
+# Path offsets from smoothed fixes, separate for autopilot and driver.
 
 # %%
 tracking = lx.tune("tracking", vehicle=VEHICLE, logs=logs)
 tracking
 
 # %% [markdown]
-# The loop: servo, rear ratio and slip from the same drives. A drive that took no part judges: the rollout of what was found is laid beside it, and were it contradicted, this cell would say so instead of giving numbers.
+# The loop: servo, rear ratio and slip from the same drives. A held-out drive tests the result: its rollout is plotted with the log. If it contradicts the result, the cell reports the contradiction and no numbers.
 
 # %%
 loop = lx.tune("loop", vehicle=VEHICLE, logs=logs, held_out=[drives["held_out"]])
@@ -39,7 +39,7 @@ loop.table.round(3)
 loop
 
 # %% [markdown]
-# The look-ahead, for all vehicles that the logs allow, at full torque and at less of it. The file gets the schedule and how it grows for a servo that weakens.
+# The look-ahead, for all vehicles that are consistent with the logs, at full and at reduced torque. The vehicle file gets the schedule and its dependence on torque.
 
 # %%
 known = loop.vehicle.save(f"{OUTPUT}/tracking.vehicle.toml", force=True)

@@ -11,7 +11,7 @@
 # %% [markdown]
 # # The noises of the navigation filter
 #
-# A filter weighs its sources by their noises: too small, and it shuts out the truth; too large, and it follows every error. If they are right, innovations (what each source reads, less what the filter expected) are as large as the filter says and independent in time. Here the noises are found under which the innovations of logged drives are most likely, with 95 % intervals; what the drives do not tell stays as it was. A log needs GNSS/INS with its sigmas, odometry, a gyro, and beside it the fixes of its scans, `NAME.fixes.h5`, which `lgprjax register` writes. A hundred seconds of turns at changing speed are the least. k comes first (`k_ratio`): a vehicle file that is wrong about the rear wheels costs centimetres.
+# A filter weights its sources by their noises. If a noise is too small, the filter rejects correct data; if it is too large, the filter follows errors. With correct noises, innovations (measurement minus prediction) have the predicted size and are independent in time. This study finds the noises with the highest likelihood of the innovations in logged drives, with 95 % intervals. Noises that the drives do not identify stay unchanged. A log needs GNSS/INS with sigmas, odometry, a gyro, and, next to it, the fixes `NAME.fixes.h5` from `lgprjax register`. At least a hundred seconds of turns at changing speed are needed. Fit k first (`k_ratio`): a wrong rear ratio causes errors of centimetres.
 
 # %%
 from pathlib import Path
@@ -22,7 +22,7 @@ VEHICLE = Path("../tuning/made_up.vehicle.toml")  # your own vehicle file
 OUTPUT = Path("../out/notebooks/fusion")
 
 # %% [markdown]
-# Without logs of your own, five drives of a minute are simulated. Their fixes are drawn from an error model of fixes, there is no radar in them. The gyro has a noise of 0.002 rad/s/√Hz and a bias that walks by 0.0002 rad/s/√s, GNSS wanders by 6 cm over 15 s against the map, and one position in a hundred is off by metres.
+# If you have no logs, this cell simulates five drives of one minute. Their fixes come from an error model of fixes, without radar. The gyro has a noise of 0.002 rad/s/√Hz and a bias walk of 0.0002 rad/s/√s. GNSS wanders by 6 cm over 15 s relative to the map, and one position in a hundred is off by metres.
 
 # %%
 import lgprjax as lx
@@ -33,7 +33,7 @@ if missing:
     lx.simulate("../tuning/drives.toml", missing[0].parent, only=names)
 
 # %% [markdown]
-# Half a minute, most of it compilation. The noises to begin with stand in the vehicle file and are rather too large: by them the filter's gates choose what is an outlier.
+# This cell takes half a minute, mostly compilation. The initial noises are those of the vehicle file. They are larger than expected, because the filter's gates use them to reject outliers.
 
 # %%
 tuned = lx.tune("fusion", vehicle=VEHICLE, logs=LOGS, held_out=HELD_OUT)
@@ -46,13 +46,13 @@ from IPython.display import Image
 Image(tuned.draw(OUTPUT, force=True)["innovations"], width=860)
 
 # %% [markdown]
-# The same in numbers. The mean normalised innovation squared (NIS) of a component is 1 where the noises are right: below, the filter believes a source too little, above, too much. It stays below 1 for fixes that say of themselves less than they know: their covariance is taken as it is, and so is that of GNSS. Errors need a truth in the log. The threshold switch goes by the fixes while they match well, else by GNSS/INS; the smoother has the whole drive at hand.
+# The same as numbers. The mean normalised innovation squared (NIS) of a component is 1 if the noises are correct. Below 1, the filter trusts a source too little; above 1, too much. It stays below 1 for sources with conservative covariances, since the covariances of fixes and GNSS are used as they are. Errors need a truth in the log. The threshold switch uses fixes while they match well, else GNSS/INS; the smoother uses the complete drive.
 
 # %%
 tuned.figures.round(3)
 
 # %% [markdown]
-# The vehicle file gets the noises found.
+# Write the estimated noises to the vehicle file.
 
 # %%
 vehicle = tuned.vehicle.save(OUTPUT / VEHICLE.name, force=True)

@@ -11,7 +11,7 @@
 # %% [markdown]
 # # Your own radar
 #
-# From the files of one antenna that was drawn along parallel lines to a map, and to a later survey located on it. The files here are Sensors & Software `.DT1` with their `.HD`; GSSI, MALA, ImpulseRadar and SEG-Y go the same way.
+# From parallel survey lines of one antenna to a map, and to a later survey located on it. The example files are Sensors & Software `.DT1` with their `.HD`; GSSI, MALA, ImpulseRadar and SEG-Y files work the same way.
 
 # %%
 from pathlib import Path
@@ -22,7 +22,7 @@ SPACING_M = 0.127  # from line to line
 OUTPUT = Path("../out/notebooks/own_radar")
 
 # %% [markdown]
-# Without files of your own this cell writes some: two surveys of eleven lines, 50 m long, over the same made-up ground. The second, on another day, was begun 40 cm farther on and 10 cm to the right, which nobody noted down.
+# If you have no files, this cell writes two simulated surveys of eleven lines, 50 m long, over the same ground. The second survey is of another day. It starts 40 cm farther on and 10 cm to the right, and its files do not record this offset.
 
 # %%
 import numpy as np
@@ -69,7 +69,7 @@ if not MAP_LINES:
 print(len(MAP_LINES), "lines:", MAP_LINES[0].name, "to", MAP_LINES[-1].name)
 
 # %% [markdown]
-# What a reader makes of one of them:
+# One line, as the reader decodes it:
 
 # %%
 import matplotlib.pyplot as plt
@@ -79,13 +79,13 @@ lx.view(MAP_LINES[5], ax=axes).set_ylim(55, 0)
 plt.show()
 
 # %% [markdown]
-# Closer: zoom by the wheel, by two fingers, or by + and −, and read travel time and depth where you point; contrast is above the picture. `lgprjax view LINE.DT1 --html` writes the same page. (Where notebooks are shown without scripts, as on GitHub, it is missing.)
+# The same line as a zoomable picture: use the wheel, two fingers, or + and −; point at a sample to read travel time and depth; set the contrast above the picture. `lgprjax view LINE.DT1 --html` writes the same page. (The picture needs scripts and is missing on GitHub.)
 
 # %%
 lx.zoom(MAP_LINES[5])
 
 # %% [markdown]
-# Lines side by side are a drive of many channels (`lgprjax import lines`). Its place on earth is that of the lines' origin, wherever you say that it is.
+# Parallel lines become a drive with many channels (`lgprjax import lines`). You give the geographic position of their origin.
 
 # %%
 from lgprjax.formats import import_lines
@@ -95,7 +95,7 @@ for name, paths in (("map", MAP_LINES), ("day", LIVE_LINES)):
     print(lx.check(OUTPUT / f"{name}.drive.h5"))
 
 # %% [markdown]
-# The map, and the second survey on it. Both surveys claim to begin at the origin; how much the second is off is what the ground says.
+# Build the map and locate the second survey on it. Both surveys claim the same origin; registration finds the true offset of the second.
 
 # %%
 site = lx.build_map(OUTPUT / "map.drive.h5", OUTPUT / "site.map.h5", force=True)

@@ -9,9 +9,9 @@
 # ---
 
 # %% [markdown]
-# # A vehicle of your own: from calibration drives to its file
+# # Your own vehicle: from calibration drives to a vehicle file
 #
-# Four questions, in the order in which each needs the answer before it. How much of the steering do the rear wheels take? Which wheel angle belongs to the potentiometer's volts, and to the counts of the servo's encoder? How far ahead should the autopilot look? Every number that is measured comes with a 95 % interval, and a log that does not tell one is refused.
+# Four questions, each of which needs the previous answers. What is the ratio of rear to front wheel angle? Which wheel angle belongs to a voltage of the potentiometer, and to a count of the servo's encoder? Which look-ahead should the autopilot use? Every measured number has a 95 % interval, and a log that does not identify a number is refused.
 
 # %%
 from pathlib import Path
@@ -27,7 +27,7 @@ FOUND = OUTPUT / VEHICLE.name  # the file that each step adds its numbers to
 OUTPUT.mkdir(parents=True, exist_ok=True)
 
 # %% [markdown]
-# Without logs of your own: a vehicle that does not exist, with an INS mounted 0.4° askew and positions with 2 cm of noise, one in a hundred of them wrong by metres.
+# If you have no logs, this cell simulates a vehicle with an INS misalignment of 0.4° and a position noise of 2 cm; one position in a hundred is off by metres.
 
 # %%
 import lgprjax as lx
@@ -38,7 +38,7 @@ if missing:
     lx.simulate("../tuning/drives.toml", missing[0].parent, only=names)
 
 # %% [markdown]
-# **k, the rear wheels' share of the front angle.** The curvature of a turn gives (1 + k) times the front angle and no more. What tells k is where the turn's centre lies along the body: the rear axle moves at minus the rear wheels' angle to the body, and the INS heading against the path shows it. A mounting askew adds a constant, which left and right turns tell from k.
+# **k, the ratio of rear to front wheel angle.** The curvature of a turn gives only (1 + k) times the front angle. k follows from the position of the turn centre along the body: the course at the rear axle is the heading minus the rear wheel angle, and the INS heading against the path measures it. An INS misalignment adds a constant, which left and right turns separate from k.
 
 # %%
 from IPython.display import Image
@@ -48,7 +48,7 @@ vehicle = turned.vehicle.save(FOUND, force=True)
 Image(turned.draw(OUTPUT, force=True)["rear_ratio"], width=560)
 
 # %% [markdown]
-# This log measures both wheel angles, too: a second way to k, which must agree.
+# This log contains both wheel angles as well: a second estimate of k, which must agree.
 
 # %%
 angles = lx.tune("rear_ratio", vehicle=VEHICLE, logs=[TURNS], method="wheel_angles")
@@ -57,7 +57,7 @@ for way, found in (("heading", turned), ("wheel angles", angles)):
     print(f"k by {way}: {k['low']:.4f} to {k['high']:.4f}")
 
 # %% [markdown]
-# **The palm tree.** Full left, an arc forward, back to the start, half a turn of the steering wheel less, and so on to full right. A circle is fitted to each stretch of constant steering, and its curvature gives the front wheel angle. The volts of driving straight on come first.
+# **The palm tree.** Steer full left, drive an arc forward and back to the start, turn the steering wheel half a turn to the right, and repeat to full right. A circle is fitted to each stretch of constant steering; its curvature gives the front wheel angle. The straight-ahead voltage comes first.
 
 # %%
 straight = lx.tune("straight", vehicle=vehicle, logs=[STRAIGHT])
@@ -65,7 +65,7 @@ rough = lx.tune("wheel_angle", vehicle=straight.vehicle.save(FOUND, force=True),
 Image(rough.draw(OUTPUT, force=True)["palm_tree"], width=560)
 
 # %% [markdown]
-# Tyres slip: at 1.5 m/s that takes half a per cent of the curvature, which the map above mistook for the potentiometer's. Turns at rising speed tell how much, as the characteristic speed; then the palm tree is fitted again. What the map leaves is an arc that does not fit, play, or a bend that a cubic has not.
+# Tyre slip takes half a per cent of the curvature at 1.5 m/s, which the map above attributed to the potentiometer. Turns at rising speed measure slip as the characteristic speed; then the palm tree is fitted again. The residuals of the map are arcs with errors, play, or a curve that a cubic does not describe.
 
 # %%
 slip = lx.tune("yaw_gain", vehicle=rough.vehicle.save(FOUND, force=True), logs=[RISING])
@@ -77,7 +77,7 @@ for name, found in (("without slip", rough), ("with it", palm)):
 Image(palm.draw(OUTPUT, force=True)["wheel_angle"], width=560)
 
 # %% [markdown]
-# **The encoder.** It begins at another count at every start; the potentiometer does not. Each pause at standstill is a point, and the two directions lie apart by the play.
+# **The encoder.** Its count at power-on is arbitrary, that of the potentiometer is not. Each pause at standstill is a point. The difference between the two directions is the play.
 
 # %%
 encoder = lx.tune("encoder", vehicle=vehicle, logs=[STANDING])
@@ -86,7 +86,7 @@ print(*encoder.notes, sep="\n")
 Image(encoder.draw(OUTPUT, force=True)["encoder"], width=560)
 
 # %% [markdown]
-# **The servo and the look-ahead.** With a short look-ahead the vehicle weaves, with a long one it cuts corners, and how short it may be depends on lag and rate of the servo. The vehicle found so far drives a course in simulation; the look-ahead of least error and least movement of the wheels is found by gradient, under the phase margin that lag and delay must leave.
+# **The servo and the look-ahead.** A short look-ahead makes the vehicle weave, and a long one cuts corners. Lag and rate of the servo limit how short it may be. The fitted vehicle drives a course in simulation, and a gradient search finds the look-ahead with the least error and wheel movement, under the phase margin that lag and delay must leave.
 
 # %%
 servo = lx.tune("servo", vehicle=vehicle, logs=[STEPS])
@@ -95,7 +95,7 @@ tuned = lx.tune("look_ahead", vehicle=servo.vehicle.save(FOUND, force=True), **c
 Image(tuned.draw(OUTPUT, force=True)["look_ahead"], width=760)
 
 # %% [markdown]
-# All that was found. The look-ahead is chosen, not measured: it has no interval.
+# All results. The look-ahead is chosen, not measured, so it has no interval.
 
 # %%
 import pandas as pd

@@ -9,9 +9,9 @@
 # ---
 
 # %% [markdown]
-# # A weak servo found
+# # Detecting a weak servo
 #
-# The supply reads as ever, and yet the servo has lost three tenths of its torque. Ordinary drives tell, if they turn the wheels near their rate; a gentle one does not, and says so.
+# The supply voltage is normal, but the servo has lost 30 % of its torque. Ordinary drives show the loss if the wheels turn near their rate limit. A gentle drive does not, and its result says so.
 
 # %%
 import lgprjax as lx
@@ -30,7 +30,7 @@ loop = lx.tune("loop", vehicle=VEHICLE, logs=[drives["first"], drives["second"]]
 loop
 
 # %% [markdown]
-# The file with the servo as it is now. On board the look-ahead grows by itself while the file's own servo is measured to be weaker than it says; a file that knows better needs no such help.
+# The vehicle file with the weak servo. On board, the look-ahead grows automatically while the measured torque is below that of the file. With an updated file, this correction is not needed.
 
 # %%
 loop.vehicle.save(f"{OUTPUT}/tracking.vehicle.toml", force=True)

@@ -9,9 +9,9 @@
 # ---
 
 # %% [markdown]
-# # What my logs can tell
+# # What logs identify
 #
-# Not every drive shows every number. A gentle drive says nothing of how fast the servo can turn; a drive by hand, without commands, says nothing of the servo at all. What a log leaves open is named, and the vehicle file keeps its value.
+# A drive does not identify every number. A gentle drive does not show the rate of the servo; a manual drive, without commands, does not show the servo at all. Numbers that a log leaves open are listed, and the vehicle file keeps its values.
 
 # %%
 import lgprjax as lx
@@ -29,7 +29,7 @@ print(*gentle.notes, sep="\n")
 gentle
 
 # %% [markdown]
-# Two drives that were engaged three metres beside the path: the wheels turn as fast as they can.
+# Two drives that were engaged three metres off the path: the wheels turn at their rate limit.
 
 # %%
 brisk = lx.tune("loop", vehicle=VEHICLE, logs=[drives["first"], drives["second"]])
@@ -37,7 +37,7 @@ print(*brisk.notes, sep="\n")
 brisk.table.round(3)
 
 # %% [markdown]
-# A wrong kind of log is refused, with the reason: here a study of the servo is given a straight line driven by hand, and one of the encoder a drive that never stands.
+# Unsuitable logs are refused with the reason: here a straight manual drive for a servo study, and a drive without standstill for an encoder study.
 
 # %%
 straight = lx.simulate("../tuning/drives.toml", f"{OUTPUT}/drives", only=["straight"], force=True)["straight"]

@@ -1,4 +1,4 @@
-"""The mode machine as a diagram and a table, found by trying every event in every state that can be reached.
+"""The mode machine as tables, found by trying every event in every state that can be reached.
 
 The whole state space is too large for that, most of it for reasons that do not meet: three processes that are watched
 alike, ten reasons to refuse. It is gone through in views, each with the events that bear on one another; the other
@@ -27,7 +27,7 @@ from lgprjax.autopilot.modes import (
     step_modes,
 )
 
-PAGE = Path(__file__).parents[1] / "docs" / "modes.md"
+PAGE = Path(__file__).parents[1] / "docs" / "modes_table.md"
 _LONG_S = 2.0 * FAILURES_WITHIN_S
 _START = (Event.ROUTE_NEAR, Event.MOVING, Event.SOURCES_PRESENT, Event.HEALTH_GOOD)
 _HANDS = (
@@ -108,33 +108,38 @@ def mode_changes() -> dict[tuple[Mode, Event], frozenset[Mode]]:
 
 
 def describe_modes() -> str:
-    """Markdown: a Mermaid diagram of the changes of mode, and a table of modes and events."""
+    """Markdown: a table of modes and events, and a table of the changes of mode."""
     changes = mode_changes()
     arrows: dict[tuple[Mode, Mode], list[Event]] = defaultdict(list)
     for (before, event), modes in changes.items():
         for after in modes - {before}:
             arrows[before, after].append(event)
     lines = [
-        "# Operating modes",
+        "# Mode transition table",
         "",
-        "Made by `PYTHONPATH=tests python -m mode_diagram` from `step_modes`, by trying every event in every state",
-        "that can be reached; a test holds this page equal to it. An arrow with *may* is taken in some states of the",
-        "mode only: engaging needs all that `inhibit_of` asks for.",
+        "This page lists every transition of the [mode machine](modes.md). `PYTHONPATH=tests python -m mode_diagram`",
+        "generates it: the script tries every event in every reachable state of `step_modes`. A test compares the page",
+        "with the function.",
         "",
-        "```mermaid",
-        "stateDiagram-v2",
-        "    [*] --> BOOT",
+        "Rows are events, columns are modes before the event, and cells list the modes after it. · means no change of",
+        "mode. If a cell lists several modes, the result depends on other inputs: engaging, for example, needs every",
+        "condition of `inhibit_of`.",
+        "",
     ]
-    for (before, after), events in sorted(arrows.items()):
-        told = [_told(event, changes[before, event]) for event in sorted(events, key=lambda event: event.value)]
-        lines.append(f"    {before.name} --> {after.name}: {', '.join(told)}")
-    lines += ["```", "", "| event | " + " | ".join(mode.name for mode in Mode) + " |", "| --- " * (len(Mode) + 1) + "|"]
+    lines += ["| event | " + " | ".join(mode.name for mode in Mode) + " |", "| --- " * (len(Mode) + 1) + "|"]
     for event in Event:
         cells = [_cell(mode, changes.get((mode, event), frozenset({mode}))) for mode in Mode]
         lines.append(f"| {_word(event)} | " + " | ".join(cells) + " |")
-    ends = ", ".join(f"{fault.name} by *{_word(event)}*" for event, fault in CLEARS.items())
-    closing = f"A cell lists the modes after the event; · is no change. What stands in ERROR is ended, {ends}."
-    return "\n".join([*lines, "", closing, ""])
+    lines += ["", "## Faults that hold ERROR", "", "| fault | cleared by |", "| --- | --- |"]
+    lines += [f"| `{fault.name}` | {_word(event)} |" for event, fault in CLEARS.items()]
+    lines += ["", "## Changes of mode", "", "| from | to | events | events that may lead there |", "| --- " * 4 + "|"]
+    for (before, after), events in sorted(arrows.items()):
+        words: dict[bool, list[str]] = {True: [], False: []}
+        for event in sorted(events, key=lambda event: event.value):
+            words[len(changes[before, event]) == 1].append(_word(event))
+        always, sometimes = (", ".join(of) for of in words.values())
+        lines.append(f"| {before.name} | {after.name} | {always} | {sometimes} |")
+    return "\n".join([*lines, ""])
 
 
 def _at_zero(state: ModeState) -> ModeState:
@@ -147,10 +152,6 @@ def _at_zero(state: ModeState) -> ModeState:
 
 def _word(event: Event) -> str:
     return event.name.lower().replace("_", " ")
-
-
-def _told(event: Event, modes: frozenset[Mode]) -> str:
-    return _word(event) if len(modes) == 1 else f"may {_word(event)}"
 
 
 def _cell(mode: Mode, modes: frozenset[Mode]) -> str:

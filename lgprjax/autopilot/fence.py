@@ -29,9 +29,9 @@ def pad_fence(*rings_m: Float[np.ndarray, "_ 2"]) -> Float[Array, "side 2 2"]:
         if len(corners) < 3:
             raise InputError("fence", "corners", f"3 to {FENCE_SLOTS[-1]}", f"{len(corners)}")
         if not np.isfinite(corners).all():
-            raise InputError("fence", "corners", "numbers", "others")
+            raise InputError("fence", "corners", "finite numbers", "values that are not finite")
         if first_crossing(corners) is not None:
-            raise InputError("fence", "sides", "sides that do not cross", "two that do")
+            raise InputError("fence", "sides", "sides that do not cross", "two crossing sides")
         sides.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
     every = np.concatenate(sides)
     size = next((slots for slots in FENCE_SLOTS if len(every) <= slots), None)

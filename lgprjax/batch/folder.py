@@ -88,11 +88,11 @@ def register_folder(
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(
-            twice, "drives", "drives of different names, by which their fixes are named", "this name twice"
+            twice, "drives", "drives with different names (output files use them)", "two drives with this name"
         )
     own_gpus = [] if workforce.scheduler else gpus()
     if own_gpus and (workforce.workers or 0) > len(own_gpus):
-        raise ArgumentError("workers", f"at most {len(own_gpus)}, one a GPU", str(workforce.workers))
+        raise ArgumentError("workers", f"at most {len(own_gpus)}, one per GPU", str(workforce.workers))
     with MapFile.open(map_path) as source:
         check_region(options.search_m, source)
         # Measured and cached here, or each worker would measure it.
@@ -104,7 +104,7 @@ def register_folder(
     threads = workforce.threads or (1 if workforce.workers is None else max(1, usable_cores() // workforce.workers))
     run = ArchiveRun(map_path.absolute(), map_sha256, stamp, options, folder.absolute(), threads)
     with claimed(run, names, force=force):
-        with bars("looking at drives", len(drives), "drives") as progress:
+        with bars("checking drives", len(drives), "drives") as progress:
             plan = plan_jobs(run, drives, force=force, progress=progress)
         failed = list(plan.unreadable)
         with bars(f"registering {len(plan.todo)} drives", sum(job.scans for job in plan.todo), "scans") as progress:

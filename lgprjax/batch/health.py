@@ -106,7 +106,7 @@ def jump_figures(
             max(abs(jump.metres) for jump in jumps),
             "m",
             _TRAVEL_JUMP_M,
-            f"largest step of the odometry that no vehicle can drive, as where its positions jump: "
+            f"largest odometry step that no vehicle can drive (position jump): "
             f"{len(mended.bridged)} bridged at local speed, {len(mended.broken)} left open",
             tuple(where),
         )
@@ -128,7 +128,7 @@ def motion_figures(
     names = ("gnss_sigma", "gnss_outage", "gnss_jump", "odometer_scale", "odometer_slip")
     inside = (navigation.time_s >= odometry.time_s[0]) & (navigation.time_s <= odometry.time_s[-1])
     if inside.sum() < 3:
-        return [], [(name, "GNSS/INS and odometry do not run at the same time") for name in names]
+        return [], [(name, "GNSS/INS and odometry do not overlap in time") for name in names]
     at_s = navigation.time_s[inside]
 
     def places(mask: Bool[np.ndarray, " interval"]) -> tuple[Stretch, ...]:
@@ -144,7 +144,7 @@ def motion_figures(
     lost = interval > max(1.0, 5.0 * float(np.median(interval)))
     good = ~lost
     if navigation.sigma_east_m is None or navigation.sigma_north_m is None:
-        missing.append(("gnss_sigma", "the log holds no sigmas"))
+        missing.append(("gnss_sigma", "the log has no sigmas"))
     else:
         sigma = np.maximum(navigation.sigma_east_m, navigation.sigma_north_m)[inside]
         lost |= np.maximum(sigma[1:], sigma[:-1]) > _LOST_SIGMA_M
@@ -194,7 +194,7 @@ def motion_figures(
     judged = good & ~jumped
     ratio, centre_s = _ratios(travel, forward, at_s, judged, _WINDOW_M)
     if len(ratio) < 3:
-        why = f"less than three windows of {_WINDOW_M} m with a sigma of {_GOOD_SIGMA_M:g} m or better"
+        why = f"fewer than three windows of {_WINDOW_M} m with a sigma of {_GOOD_SIGMA_M:g} m or better"
         return figures, [*missing, ("odometer_scale", why), ("odometer_slip", why)]
     # Of single metres: slip touches more windows than metres.
     scale = float(np.median(_ratios(travel, forward, at_s, judged, 1)[0]))
@@ -403,7 +403,7 @@ def _as_recorded(figures: list[HealthFigure], lacking: list[tuple[str, str]], as
 
     def unrecorded(name: str) -> HealthFigure | None:
         made_up = {each: assumed[each] for each in _MEASURED_ON.get(name, ()) if each in assumed}
-        return not_recorded(name, f"no instrument recorded {assumed_in_words(made_up)}") if made_up else None
+        return not_recorded(name, f"not recorded by an instrument: {assumed_in_words(made_up)}") if made_up else None
 
     judged = [unrecorded(entry.name) or entry for entry in figures]
     judged += [entry for name, _ in lacking if (entry := unrecorded(name))]

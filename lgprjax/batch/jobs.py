@@ -297,7 +297,7 @@ def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[N
     make_folder(jobs_folder(folder))
     with lock_file(jobs_folder(folder) / ".lock") as holder:
         if holder is not None:
-            raise InputError(folder, "output", "a folder that no other run works in", f"{holder} at work in it")
+            raise InputError(folder, "output", "a folder not in use by another run", f"in use by {holder}")
         mark = _Mark(run.map_path.name, run.map_sha256, sorted(_ours(run, names, force).union(names)))
         with atomic_output(folder / _MARK, force=True) as temporary:
             temporary.write_text(json.dumps(mark._asdict(), indent=0) + "\n", encoding="utf-8")
@@ -394,12 +394,12 @@ def _ours(run: ArchiveRun, names: Sequence[str], force: bool) -> set[str]:
     if force:
         return ours
     if mark is not None and mark.map_sha256 != run.map_sha256:
-        expected = f"results of {run.map_path.name} as it is now, another folder, or --force"
+        expected = f"results of the current {run.map_path.name}, another folder, or --force"
         raise InputError(folder, "output", expected, f"results of another map, {mark.map}")
     foreign = [output for name in names if name not in ours for output in outputs_of(name)]
     for output in [*foreign, *(_DERIVED if mark is None else ())]:
         if (folder / output).exists():
-            raise InputError(folder / output, "output", "a new file, or --force", "one that exists")
+            raise InputError(folder / output, "output", "a new file, or --force", "an existing file")
     return ours
 
 
@@ -432,7 +432,7 @@ def _read_mark(path: Path) -> _Mark | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(path, "file", "the mark of an archive", str(error)) from None
+        raise InputError(path, "file", "a valid archive marker file", str(error)) from None
 
 
 def _clean(folder: Path, names: Sequence[str]) -> None:
@@ -539,7 +539,7 @@ class DriveJobs:
         self._source = MapFile.open(run.map_path)
         try:
             if stamp_of(run.map_path) != run.map_stamp:
-                raise InputError(run.map_path, "file", "the file that the run began with", "one written since")
+                raise InputError(run.map_path, "file", "the same file as at the start of the run", "a changed file")
             self._held = HeldGround(self._source, run.options, tiles=HELD_TILES)
         except BaseException:
             self._source.close()
@@ -571,7 +571,12 @@ class DriveJobs:
             if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
                 raise MemoryError(str(error)) from None
             traceback.print_exc(file=sys.stderr)
-            return InputError(job.drive, "registration", "a result", f"a defect: {type(error).__name__}: {error}")
+            return InputError(
+                job.drive,
+                "registration",
+                "a registration result",
+                f"an internal error: {type(error).__name__}: {error}",
+            )
         return None
 
     def _register(self, job: Job, attempt: int, progress: Callable[[int], None]) -> None:
@@ -579,7 +584,7 @@ class DriveJobs:
         with DriveLog.open(job.drive) as log:
             # The file read must be the one that the job's key names; an open file stays the same when it is replaced.
             if file_hash(job.drive) != job.drive_sha256:
-                raise InputError(job.drive, "file", "the file that the run began with", "one written since")
+                raise InputError(job.drive, "file", "the same file as at the start of the run", "a changed file")
             drive = register_log(self._source, log, run.options, progress, held=self._held)
             sha256 = (run.map_sha256, job.drive_sha256)
             write_registered(drive, self._source, log, run.options, run.folder, force=True, sha256=sha256)

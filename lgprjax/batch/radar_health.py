@@ -64,7 +64,7 @@ def _channels(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             float(stuck.max()),
             "%",
             (0.5, 5.0),
-            "traces identical to the previous one, in the channel that has most of them",
+            "traces identical to the previous one, in the channel with the most",
             place.of_channels(share >= 0.005),
         ),
     ]
@@ -115,7 +115,7 @@ def _validity(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             100.0 * float(blocks.non_finite.sum() / scans.sum()),
             "%",
             (0.05, 1.0),
-            "scans with samples that are no numbers",
+            "scans with samples that are not numbers",
             place.of(blocks.non_finite > 0),
         ),
     ], []
@@ -123,7 +123,7 @@ def _validity(blocks: SignalBlocks, place: BlockStretches) -> Findings:
 
 def _saturation(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     if blocks.recorded.rails is None:
-        why = "the stored type has no rails that a receiver reaches"
+        why = "the stored data type has no saturation limit"
         return [], [(name, why) for name in ("clipped_traces", "clipped_direct_wave")]
     share = blocks.clipped / np.maximum(blocks.used, 1.0)
     return [
@@ -132,7 +132,7 @@ def _saturation(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             100.0 * float(blocks.clipped.sum() / max(blocks.used.sum(), 1.0)),
             "%",
             (0.5, 5.0),
-            "traces with samples at the limits of the stored type, the direct wave left out",
+            "traces with samples at the limits of the stored type, without the direct wave",
             place.of_channels(share >= 0.005),
         ),
         figure(
@@ -140,7 +140,7 @@ def _saturation(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             blocks.clipped_direct / blocks.recorded.period_samples,
             "periods",
             (0.25, 1.0),
-            "time that a trace's direct wave is clipped, in periods of the centre frequency",
+            "duration of clipping in the direct wave of a trace, in periods of the centre frequency",
         ),
     ], []
 
@@ -164,7 +164,7 @@ def _gain(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             100.0 * float(np.nanmax(quarter) - np.nanmin(quarter)),
             "%",
             (10.0, 40.0),
-            "level of the array's direct wave: largest less smallest median of a quarter of the drive",
+            "level of the array's direct wave: largest minus smallest median over quarters of the drive",
             place.of(np.abs(drift) >= 0.05),
         ),
         figure(
@@ -172,7 +172,7 @@ def _gain(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             100.0 * float(np.nanmax(np.abs(change))),
             "%",
             (35.0, 60.0),
-            "farthest that the array's direct wave departs from its median anywhere",
+            "largest deviation of the array's direct wave from its median",
             place.of(np.abs(np.nan_to_num(change)) >= 0.35),
         ),
     ]
@@ -187,7 +187,7 @@ def _gain(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             100.0 * float(np.nanmax(np.abs(apart))),
             "%",
             (20.0, 40.0),
-            "farthest that a live channel's direct wave departs from its own median against the array",
+            "largest deviation of a live channel's direct wave from its own median, relative to the array",
             place.of_channels(wide),
         )
     )
@@ -268,7 +268,7 @@ def sweep_figures(
     place = BlockStretches(blocks.first, time_s, path_m)
     seen = np.isfinite(levels.calibration) & (np.abs(levels.calibration) > 0.0)
     if not seen.any():
-        return [figure("calibration_drift", np.nan, "dB", (1.0, 3.0), "no calibration sweep that is a number")]
+        return [figure("calibration_drift", np.nan, "dB", (1.0, 3.0), "no finite calibration sweep")]
     ratio = np.where(seen, levels.calibration, np.nan)
     level_db = 20.0 * np.log10(np.abs(ratio) / np.nanmedian(np.abs(ratio)))
     first = ratio[np.flatnonzero(seen)[0]]
@@ -312,7 +312,7 @@ def sweep_figures(
             float(np.nanmedian(noise_db)),
             "dB",
             (-40.0, -20.0),
-            "noise of a calibration sweep over its level: the receiver without any ground",
+            "noise of a calibration sweep over its level (receiver noise without ground)",
             place.of(np.nan_to_num(noise_db, nan=-np.inf) >= -40.0),
         ),
         figure(
@@ -320,7 +320,7 @@ def sweep_figures(
             100.0 * float(levels.narrow.sum() / scans.sum()),
             "%",
             (1.0, 5.0),
-            "scans with noise 14 dB above the usual at single frequencies",
+            "scans with noise 14 dB above the median at single frequencies",
             place.of(levels.narrow > 0),
         ),
         figure(

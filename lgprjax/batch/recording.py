@@ -35,7 +35,7 @@ from lgprjax.radar import (
 )
 from lgprjax.registration import Operators, Track
 
-_OTHER_SENSOR = "another sensor than the map's, or its description is wrong"
+_OTHER_SENSOR = "a different sensor from the map's, or a wrong sensor description"
 _BAND_SHARE = 0.5
 """A recording that covers less than this share of a map's band is refused."""
 _HEAD_SCANS = 64
@@ -126,7 +126,7 @@ class SweepDrive:
             raise InputError(log.path, "/radar/frequencies_hz", "equal steps, or multiples of one step", found)
         if not np.all(recording.lookup_calibration_sweep):
             zeros = f"{np.count_nonzero(recording.lookup_calibration_sweep == 0)} zeros"
-            raise InputError(log.path, "/radar/lookup_calibration_sweep", "values other than zero", zeros)
+            raise InputError(log.path, "/radar/lookup_calibration_sweep", "non-zero values", zeros)
 
     def chain(self, scan_spacing_m: float, centre_frequency_hz: float | None) -> ChainSettings:
         """Settings for a map that begins with this drive: a sweep has its band, and no frequency is needed."""
@@ -301,12 +301,12 @@ def travel_line(drive: DriveTrack) -> str | None:
     if drive.jumps_bridged + drive.breaks:
         told.append(f"travel jumps that no vehicle can drive: {drive.jumps_bridged} bridged at local speed")
         if drive.breaks:
-            told[0] += f", {drive.breaks} left open (no window reaches across)"
+            told[0] += f", {drive.breaks} left open (windows end there)"
     if drive.travel_scale != 1.0:
         way = "less" if drive.travel_scale > 1.0 else "more"
         told.append(
-            f"travel counts {100.0 * abs(1.0 / drive.travel_scale - 1.0):.1f} % {way} than the map: "
-            "it was scaled by the fixes, and the drive searched again"
+            f"odometry counts {100.0 * abs(1.0 / drive.travel_scale - 1.0):.1f} % {way} than in the map: "
+            "the odometry was scaled by the fixes, and the drive searched again"
         )
     return "; ".join(told) or None
 

@@ -117,7 +117,7 @@ def check_search(options: RegisterOptions) -> None:
         ("height_m", options.height_m, 1e-3, 5.0, "a half width in metres"),
         ("roll_deg", options.roll_deg, 1e-2, 45.0, "a half width in degrees"),
         ("pitch_deg", options.pitch_deg, 0.0, 45.0, "a half width in degrees"),
-        ("odometer_sigma", options.odometer_sigma, 0.0, 0.5, "a share of the way"),
+        ("odometer_sigma", options.odometer_sigma, 0.0, 0.5, "a fraction of the travelled distance"),
         ("seed", options.seed, 0, 2**31 - 1, "a whole number"),
     )
     for name, value, least, most, what in bounds:
@@ -321,20 +321,20 @@ def find_alignment(
     tried = len(found)
     chance = found[best].chance * tried
     if chance > _SHARE * options.risk:
-        told = f"polarity and time zero as stated: none of {tried} others matches the map better than chance"
+        told = f"polarity and time zero as stated: none of {tried} alternatives matches the map better than chance"
         return AS_STATED._replace(told=told)
     if found[best].total < _CLEAR * max(others, default=0.0):
-        return AS_STATED._replace(told=f"polarity and time zero as stated: {tried} others are ambiguous")
+        return AS_STATED._replace(told=f"polarity and time zero as stated: {tried} alternatives are ambiguous")
     if best == AS_STATED:
         return AS_STATED
     parts = [
         "inverted" if best.sign < 0 else "",
         f"time zero {best.later_ns:+.2f} ns" if best.later_ns else "",
-        "levels over depth adjusted to the map's" if best.levelled else "",
-        "walked the other way" if best.reversed else "",
+        "depth levels adjusted to the map" if best.levelled else "",
+        "driven in the opposite direction" if best.reversed else "",
     ]
     told = ", ".join(part for part in parts if part)
-    return best._replace(chance=chance, told=f"against the map: {told} (found among {tried})")
+    return best._replace(chance=chance, told=f"relative to the map: {told} (best of {tried} alternatives)")
 
 
 def _evidence(

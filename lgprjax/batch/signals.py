@@ -255,7 +255,7 @@ def _typical(traces: Inexact[np.ndarray, "channel sample"]) -> Inexact[np.ndarra
 
 # Figures of a drive's noise: the receiver's own, and interference.
 
-_GROUND_AT_END = "the end of the record holds more ground than noise"
+_GROUND_AT_END = "the end of the record has more ground signal than noise"
 
 
 def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
@@ -265,7 +265,7 @@ def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
     middle = float(np.nanmedian(level)) if np.isfinite(level).any() else 0.0
     wavelength_m = WAVE_SPEED_M_PER_NS * 1e9 / blocks.recorded.frequency_hz
     if place.step_m > wavelength_m / 8.0 or middle <= 0.0:
-        why = f"scans {place.step_m:.2g} m apart change with the ground (more than an eighth of a wavelength)"
+        why = f"scans {place.step_m:.2g} m apart change with the ground (spacing above an eighth of a wavelength)"
         why = why if middle > 0.0 else "neighbouring scans do not differ"
         return [], [(name, why) for name in names]
     # Noise and ground in equal parts: twice the noise. Smoothed over a period, as a zero crossing means nothing.
@@ -280,8 +280,7 @@ def noise(blocks: SignalBlocks, place: BlockStretches) -> Findings:
             float(np.sum(above_noise)) / blocks.recorded.period_samples,
             "periods",
             (6.0, 2.0),
-            "travel time over which the signal that changes along the track is at least as strong as the noise, "
-            "in periods of the centre frequency",
+            "travel time with a ground signal at least as strong as the noise, in periods of the centre frequency",
         )
     ]
     if not _quiet_end(blocks):

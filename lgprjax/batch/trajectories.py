@@ -30,9 +30,9 @@ def trajectory_of_fixes(log: DriveLog, fixes: pd.DataFrame, path: str | Path) ->
         InputError: the fixes in ``path`` are of another drive.
     """
     if len(fixes) != log.scans:
-        raise InputError(path, "rows", f"{log.scans}, one a scan of {log.path.name}", str(len(fixes)))
+        raise InputError(path, "rows", f"{log.scans}, one per scan of {log.path.name}", str(len(fixes)))
     if not np.allclose(fixes["time_s"].to_numpy(np.float64), log.scan_time_s, rtol=0.0, atol=_SAME_TIME_S):
-        raise InputError(path, "time_s", f"those of the scans of {log.path.name}", "others")
+        raise InputError(path, "time_s", f"the scan times of {log.path.name}", "other times")
     refuse_other_drive(path, fixes, log.path)
     ok = fixes[fixes["code"] == "ok"]
     time_s, latitude, longitude, height, heading, roll = (
@@ -134,11 +134,11 @@ def compare_fixes(first: pd.DataFrame, second: pd.DataFrame, path: str | Path) -
     """
     hashes = [drive_hash_of(table) for table in (first, second)]
     if None not in hashes and hashes[0] != hashes[1]:
-        raise InputError(path, "provenance", "fixes of the drive of the first file", "those of another drive")
+        raise InputError(path, "provenance", "fixes of the same drive as the first file", "fixes of another drive")
     if len(first) != len(second):
-        raise InputError(path, "rows", f"{len(first)}, those of the first file: fixes of one drive", str(len(second)))
+        raise InputError(path, "rows", f"{len(first)} as in the first file (fixes of the same drive)", str(len(second)))
     if float(np.abs(first["time_s"].to_numpy() - second["time_s"].to_numpy()).max()) > _SAME_TIME_S:
-        raise InputError(path, "column time_s", "the times of the first file: fixes of one drive", "others")
+        raise InputError(path, "column time_s", "the times of the first file (fixes of the same drive)", "other times")
     one, other = (table["code"].to_numpy().astype(str) == "ok" for table in (first, second))
     both = one & other
     along, cross, covered = _differences(first[both], second[both])

@@ -146,7 +146,7 @@ def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> 
 
 def _needed(path: str | Path, place: str, value: float | None) -> float:
     if value is None:
-        raise InputError(path, place, "a number (the study that finds it comes first)", "none")
+        raise InputError(path, place, "a number (run the study that estimates it first)", "none")
     return value
 
 

@@ -300,7 +300,7 @@ class WorkerPool:
             self._todo.put(job)
             if self._serving or self._stopping:
                 return
-        raise InputError(self._run.map_path, "workers", "a process that opens the map", str(died))
+        raise InputError(self._run.map_path, "workers", "a worker process that opens the map", str(died))
 
     def _start(self, environment: dict[str, str]) -> WorkerProcess:
         """A worker that is ready. Raises ``WorkerDiedError`` if none survives, ``InputError`` if none is allowed to
@@ -331,8 +331,8 @@ class WorkerPool:
 
 
 def _lost(job: Job, why: str) -> JobOutcome:
-    found = f"{ATTEMPTS} that died, the last by {why}"
-    return JobOutcome(job, InputError(job.drive, "registration", "a worker that survives", found), ATTEMPTS)
+    found = f"{ATTEMPTS} terminated workers, the last one: {why}"
+    return JobOutcome(job, InputError(job.drive, "registration", "a worker that completes the drive", found), ATTEMPTS)
 
 
 # The same jobs on a cluster that dask.distributed schedules (``pip install "lgprjax[batch]"``).
@@ -381,8 +381,8 @@ def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Gene
             thread.submit(lambda: asyncio.run(answers())).result()
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        found = str(error) or f"something that does not answer as one within {_CONNECT_S:g} s"
-        raise InputError("--scheduler", address, "a scheduler that answers", found) from None
+        found = str(error) or f"no response from a scheduler within {_CONNECT_S:g} s"
+        raise InputError("--scheduler", address, "a scheduler that responds", found) from None
     with client:
         futures = {client.submit(do_job, run, job, pure=False, retries=ATTEMPTS - 1): job for job in jobs}
         try:
@@ -420,4 +420,6 @@ def _end_all() -> None:
 
 
 def _lost_on_cluster(job: Job, error: BaseException) -> InputError:
-    return InputError(job.drive, "registration", "a worker that survives", f"{type(error).__name__}: {error}")
+    return InputError(
+        job.drive, "registration", "a worker that completes the drive", f"{type(error).__name__}: {error}"
+    )

@@ -130,7 +130,7 @@ def field_of_corners(corners_m: Float[np.ndarray, "3 2"], *, name: str) -> Field
     side, rise = second - first, third - second
     lengths = np.hypot(*side), np.hypot(*rise)
     if min(lengths) < _SAME_M:
-        raise InputError(name, "corners", "three separate ones", "two in one place")
+        raise InputError(name, "corners", "three distinct corners", "two at the same position")
     along_m = float(side @ rise / lengths[0])
     bend = float(np.arccos(np.clip(along_m / lengths[1], -1.0, 1.0)))
     if not _LEAST_BEND_RAD <= bend <= np.pi - _LEAST_BEND_RAD:
@@ -138,7 +138,7 @@ def field_of_corners(corners_m: Float[np.ndarray, "3 2"], *, name: str) -> Field
             name,
             "corner 2",
             f"a turn of {np.degrees(_LEAST_BEND_RAD):.0f} to {180.0 - np.degrees(_LEAST_BEND_RAD):.0f} degrees",
-            f"{np.degrees(bend):.1f} degrees: the corners lie nearly on one line",
+            f"{np.degrees(bend):.1f} degrees: the corners are nearly on one line",
         )
     if abs(along_m) <= SQUARED_M:
         rise = rise - along_m * side / lengths[0]
@@ -163,10 +163,12 @@ def field_of_polygon(points_m: Float[np.ndarray, "point 2"], *, name: str) -> Fi
     _check_places(points, name)
     corners = _separate(points)
     if len(corners) < 3:
-        raise InputError(name, "corners", "at least three separate ones", f"{len(corners)}")
+        raise InputError(name, "corners", "at least three distinct corners", f"{len(corners)}")
     thin_m = _thickness_m(corners)
     if thin_m < _THINNEST_M:
-        raise InputError(name, "corners", "corners that span an area", f"all on one line, within {thin_m:.2f} m")
+        raise InputError(
+            name, "corners", "corners that span an area", f"all corners on one line, within {thin_m:.2f} m"
+        )
     crossing = first_crossing(corners)
     if crossing is not None:
         found = f"side {crossing[0] + 1} meets side {crossing[1] + 1}"
@@ -181,7 +183,7 @@ def _check_places(points: Float[np.ndarray, "point 2"], name: str) -> None:
     finite = np.all(np.isfinite(points), axis=1)
     if not finite.all():
         place = int(np.argmin(finite))
-        raise InputError(name, f"corner {place + 1}", "numbers", f"{points[place].tolist()}")
+        raise InputError(name, f"corner {place + 1}", "finite numbers", f"{points[place].tolist()}")
     if len(points) == 0:
         return
     widest_m = float(np.hypot(*np.ptp(points, axis=0)))
@@ -189,8 +191,8 @@ def _check_places(points: Float[np.ndarray, "point 2"], name: str) -> None:
         raise InputError(name, "corners", f"a field at most {LARGEST_M / 1e3:g} km wide", f"{widest_m / 1e3:.1f} km")
     farthest_m = float(np.hypot(*points.T).max())
     if farthest_m > _FARTHEST_M:
-        expected = f"places within {_FARTHEST_M / 1e3:g} km of the anchor"
-        raise InputError(name, "corners", expected, f"one {farthest_m / 1e3:.1f} km away")
+        expected = f"corners within {_FARTHEST_M / 1e3:g} km of the anchor"
+        raise InputError(name, "corners", expected, f"a corner {farthest_m / 1e3:.1f} km away")
 
 
 def _separate(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "corner 2"]:
@@ -334,7 +336,7 @@ def grid_of_field(field: Field, cell_m: float, margin_m: float) -> CellGrid:
     high = np.ceil((field.perimeter_m.max(axis=0) + margin_m) / cell_m)
     east_cells, north_cells = (int(cells) for cells in high - low)
     if east_cells * north_cells > MOST_CELLS:
-        expected = f"at most {MOST_CELLS / 1e6:g} million cells of {cell_m:g} m: take larger ones"
+        expected = f"at most {MOST_CELLS / 1e6:g} million cells of {cell_m:g} m: use larger cells"
         raise InputError("grid", "cells", expected, f"{east_cells * north_cells / 1e6:.0f} million")
     return CellGrid(float(low[0] * cell_m), float(low[1] * cell_m), cell_m, north_cells, east_cells)
 

@@ -114,7 +114,7 @@ def plan_gaps(
     near_m = ndimage.distance_transform_edt(~wide) * grid.cell_m
     labels, count = ndimage.label(near_m <= _NEAR_SHARE * settings.tool_width_m, _CONNECTED)
     if count > _MOST_REGIONS:
-        raise InputError(name, "gaps", f"at most {_MOST_REGIONS} regions: a larger least width", f"{count}")
+        raise InputError(name, "gaps", f"at most {_MOST_REGIONS} regions: use a larger least width", f"{count}")
     # Of regions within a tool's width one swath may serve several.
     groups, _ = ndimage.label(near_m <= 2.0 * _NEAR_SHARE * settings.tool_width_m, _CONNECTED)
     labels, groups = np.where(wide, labels, 0), np.where(wide, groups, 0)

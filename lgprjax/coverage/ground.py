@@ -208,7 +208,7 @@ def check_drivable(pattern: Pattern, ground: SafeGround, outline: Outline, *, na
     if found:
         worst = max(found, key=lambda each: each.missing_m)
         expected = f"vehicle and tool {ground.clearance_m:.2f} m within the ground declared safe"
-        where = f"{worst.missing_m:.2f} m less at {worst.east_m:.1f} m east, {worst.north_m:.1f} m north of the anchor"
+        where = f"{worst.missing_m:.2f} m short at {worst.east_m:.1f} m east, {worst.north_m:.1f} m north of the anchor"
         raise InputError(name, worst.place, expected, where)
 
 

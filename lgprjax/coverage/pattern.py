@@ -270,7 +270,7 @@ def driving_time_s(pattern: Pattern, speed_mps: float) -> float:
 
 def _check_length(length_m: float, name: str) -> None:
     if length_m > LONGEST_M:
-        expected = f"a way of at most {LONGEST_M / 1e3:g} km: parts of the field"
+        expected = f"a path of at most {LONGEST_M / 1e3:g} km: plan the field in parts"
         raise InputError(name, "pattern", expected, f"{length_m / 1e3:.1f} km")
 
 
@@ -373,7 +373,7 @@ def _check_zamboni(drives: Sequence[Pass], strips: ToolStrips, settings: Pattern
     aside_m = 0.5 * (float(apart_m[0]) - abs(drives[1].across_m - drives[0].across_m))
     needed = lines_for_zamboni(radius_m - aside_m, strips.spacing_m)
     expected = f"at least {needed} lines {strips.spacing_m:.2f} m apart for one-handed turns of {radius_m:g} m"
-    found = f"{len(drives)}, turns of {0.5 * apart_m.min():.2f} m: boustrophedon may do"
+    found = f"{len(drives)}, turns of {0.5 * apart_m.min():.2f} m: try boustrophedon"
     raise InputError(name, "zamboni", expected, found)
 
 
@@ -381,7 +381,7 @@ def _refusal(found: TurnFound, before: Pass, after: Pass, settings: PatternSetti
     place = f"turn from line {before.number} to line {after.number}"
     if math.isinf(found.room_m):
         radius_m = settings.smallest_radius_m
-        expected = f"one of {radius_m:g} m that stays off ground not yet worked: another heading or order may do"
+        expected = f"a turn of radius {radius_m:g} m clear of unworked ground: try another heading or order"
         return InputError(name, place, expected, "none")
     return _no_room(name, place, found.room_m, settings)
 

@@ -48,10 +48,10 @@ def _contents(source: MapFile) -> Iterator[Finding]:
         apart_m = np.hypot(*(where.pose[:, :2] - middle_m[own]).T)
         astray += int(np.sum(apart_m > stretches.reach_m[own] + _SLACK_M))
         if np.any(np.diff(where.drive, prepend=before) < 0):
-            yield Finding(file, "/baselines", "drives one after the other", f"another order around station {start}")
+            yield Finding(file, "/baselines", "stations sorted by drive", f"another order near station {start}")
         before = int(where.drive[-1])
     if astray:
-        yield Finding(file, "/stretches/reach_m", "stretches that reach their stations", f"{astray} stations beyond")
+        yield Finding(file, "/stretches/reach_m", "stretches that contain their stations", f"{astray} stations outside")
 
 
 def check_file(path: str | Path) -> list[Finding]:

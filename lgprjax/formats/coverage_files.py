@@ -103,7 +103,7 @@ def read_cover_plan(path: str | Path) -> CoverPlan:
     try:
         return _plan(collection[_MEMBER])._replace(computed_corner=_computed_corner(collection["features"]))
     except (TypeError, ValueError, KeyError, IndexError) as error:
-        raise InputError(file, _MEMBER, "lines and turns as they were written", str(error)) from None
+        raise InputError(file, _MEMBER, "valid lines and turns", str(error)) from None
 
 
 def cover_plan_findings(path: Path) -> Iterator[Finding]:
@@ -134,8 +134,8 @@ def _problems(path: Path, collection: dict[str, Any]) -> Iterator[Finding]:
     problems = list(_member_findings(str(path), {name: value for name, value in member.items() if name != _DIGEST}))
     yield from problems
     if not problems and member.get(_DIGEST) != _digest(collection):
-        expected = "the plan as it was written; draw the perimeter anew and plan again"
-        yield Finding(str(path), _DIGEST, expected, "one that was changed since")
+        expected = "an unchanged plan (to change the perimeter, plan again from a new field)"
+        yield Finding(str(path), _DIGEST, expected, "a changed plan")
 
 
 def _member_findings(file: str, member: dict[str, Any]) -> Iterator[Finding]:
@@ -150,7 +150,7 @@ def _member_findings(file: str, member: dict[str, Any]) -> Iterator[Finding]:
         if name in member and not isinstance(member[name], list):
             yield Finding(file, name, "a list", repr(member[name])[:40])
     if ("ground" in member) != ("ground_m" in member):
-        yield Finding(file, "ground_m", "with ground.clearance_m, or neither", "one of them")
+        yield Finding(file, "ground_m", "both ground_m and ground.clearance_m, or neither", "one of them")
     known = ("schema", "schema_version", *_LISTS, *_GROUND_LISTS)
     left = {name: value for name, value in member.items() if name not in known}
     yield from key_findings(_SCHEMA, file, flat_keys(left))
@@ -271,7 +271,11 @@ def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> l
     features = [_feature("Polygon", [_positions(frame, ring)], properties)]
     if plan.computed_corner is not None:
         corner = pattern.field.perimeter_m[plan.computed_corner]
-        properties = {"kind": _COMPUTED, "corner": plan.computed_corner + 1, "note": "follows from three: visit it"}
+        properties = {
+            "kind": _COMPUTED,
+            "corner": plan.computed_corner + 1,
+            "note": "computed from the other three corners: visit it",
+        }
         features.append(_feature("Point", _positions(frame, corner[None])[0], properties))
     for ring in plan.keep_outs_m:
         closed = _positions(frame, np.concatenate([ring, ring[:1]]))
@@ -414,7 +418,7 @@ def _from_csv(file: Path) -> FieldPlaces:
             raise InputError(file, name, f"a column {name}", ", ".join(names) or "an empty file")
     rows = list(reader)
     if len(rows) < _CORNERS:
-        raise InputError(file, "corners", "three rows or more, one a corner", str(len(rows)))
+        raise InputError(file, "corners", "at least three rows, one per corner", str(len(rows)))
     values = np.zeros((len(rows), 3))
     for number, row in enumerate(rows):
         for column, name in enumerate((*_COLUMNS, "height_m")):
@@ -437,7 +441,7 @@ def _from_geojson(file: Path) -> FieldPlaces:
     try:
         table = json.loads(_text(file))
     except json.JSONDecodeError as error:
-        raise InputError(file, "file", "GeoJSON", f"no JSON ({error.msg}, line {error.lineno})") from None
+        raise InputError(file, "file", "GeoJSON", f"text that is not JSON ({error.msg}, line {error.lineno})") from None
     if not isinstance(table, dict):
         raise InputError(file, "file", "a GeoJSON object", type(table).__name__)
     stated = table.get("crs")
@@ -477,10 +481,10 @@ def _rings(file: Path, polygon: dict[str, Any]) -> list[Float[np.ndarray, "_ 3"]
     rings = polygon.get("coordinates")
     if polygon["type"] == "MultiPolygon":
         if not isinstance(rings, list) or len(rings) != 1:
-            raise InputError(file, "geometry", "one Polygon", "a MultiPolygon of several, or of none")
+            raise InputError(file, "geometry", "one Polygon", "a MultiPolygon with several polygons or none")
         rings = rings[0]
     if not isinstance(rings, list) or not rings or not all(isinstance(ring, list) and ring for ring in rings):
-        raise InputError(file, "geometry", "a Polygon with corners", "an empty one")
+        raise InputError(file, "geometry", "a Polygon with corners", "an empty Polygon")
     return [np.array([_position(file, number, each) for number, each in enumerate(ring)]) for ring in rings]
 
 
@@ -509,7 +513,7 @@ def _from_kml(file: Path) -> FieldPlaces:
     try:
         root = ElementTree.fromstring(_text(file).encode())
     except ElementTree.ParseError as error:
-        raise InputError(file, "file", "KML", f"no XML ({error})") from None
+        raise InputError(file, "file", "KML", f"text that is not XML ({error})") from None
 
     def named(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
         return [each for each in element.iter() if each.tag.rpartition("}")[2] == name]
@@ -521,16 +525,16 @@ def _from_kml(file: Path) -> FieldPlaces:
 
     polygons = named(root, "Polygon")
     if len(polygons) != 1:
-        raise InputError(file, "Polygon", "one", f"{len(polygons) or 'none'}")
+        raise InputError(file, "Polygon", "one Polygon", f"{len(polygons) or 'none'}")
     outer = named(polygons[0], "outerBoundaryIs")
     if len(outer) != 1:
-        raise InputError(file, "outerBoundaryIs", "one", f"{len(outer) or 'none'}")
+        raise InputError(file, "outerBoundaryIs", "one outer boundary", f"{len(outer) or 'none'}")
     holes = [(ring(each), None) for each in named(polygons[0], "innerBoundaryIs")]
     # Heights in KML count from the sea or from the ground, not from the ellipsoid.
     places = _field(file, ring(outer[0]), holes)
     level = np.zeros_like(places.height_m)
     flat = tuple(each._replace(height_m=np.zeros_like(each.height_m)) for each in places.keep_outs)
-    dropped = ("heights of the KML left out: they do not count from the ellipsoid",) if places.height_m.any() else ()
+    dropped = ("KML heights ignored: they are not ellipsoidal heights",) if places.height_m.any() else ()
     return places._replace(height_m=level, keep_outs=flat, notes=(*places.notes, *dropped))
 
 

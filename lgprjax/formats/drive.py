@@ -273,7 +273,7 @@ class DriveWriter:
         every = np.ones((len(times), self._store["/radar/valid"].shape[1]), dtype=bool)
         arrays["/radar/valid"] = every if valid is None else _numbers("valid", valid)
         if not np.all(np.isfinite(times)) or not np.all(np.diff(times, prepend=self._last_time_s) > 0):
-            found = f"others among the {len(times)} after scan {self.scans}"
+            found = f"others in the {len(times)} times after scan {self.scans}"
             raise InputError(self.path, "/radar/time_s", "finite, strictly increasing times", found)
         for name, values in arrays.items():
             due = (len(times), *self._store[name].shape[1:])

@@ -55,7 +55,7 @@ def write_fixes(
     """
     unknown = [str(name) for name in table.columns if name not in {entry.path for entry in _SCHEMA.columns}]
     if unknown:
-        raise InputError(csv_path, "columns", "those of data_schema/fixes.toml", ", ".join(unknown))
+        raise InputError(csv_path, "columns", "the columns of data_schema/fixes.toml", ", ".join(unknown))
     for finding in table_findings(csv_path, table):
         raise finding.error()
     entries = [entry for entry in _SCHEMA.columns if entry.path in table.columns]
@@ -112,7 +112,7 @@ def refuse_other_drive(path: str | Path, table: pd.DataFrame, drive: Path) -> No
     """Raise ``InputError`` where the fixes in ``path`` tell that they were made from another file than ``drive``."""
     known = drive_hash_of(table)
     if known is not None and known != file_hash(drive):
-        raise InputError(path, "provenance", f"fixes of {drive.name}, as it is now", "those of another drive log")
+        raise InputError(path, "provenance", f"fixes of the current {drive.name}", "fixes of another drive log")
 
 
 def table_findings(path: str | Path, table: pd.DataFrame) -> Iterator[Finding]:

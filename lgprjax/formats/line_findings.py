@@ -199,7 +199,9 @@ def _time_zeros(
         for line in lines:
             window_ns = line.channels.shape[2] * line.sample_interval_ns
             if not abs(wanted) < window_ns:
-                raise InputError(line.path, "time zero", f"less than its {window_ns:g} ns", f"{wanted:g} ns")
+                raise InputError(
+                    line.path, "time zero", f"less than the trace length, {window_ns:g} ns", f"{wanted:g} ns"
+                )
         return [float(wanted) / line.sample_interval_ns for line in lines], ["option"] * len(lines)
     period = np.array([1e9 / (line.centre_frequency_hz or np.inf) / line.sample_interval_ns for line in lines])
     period = np.where(period > 0.0, period, [0.1 * line.channels.shape[2] for line in lines])

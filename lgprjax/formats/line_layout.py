@@ -138,8 +138,8 @@ def check_alike(lines: Sequence[Profile]) -> None:
     first = lines[0]
     for line in lines:
         if line.channels.shape[1] != 1:
-            found = f"{line.channels.shape[1]}: import it by itself"
-            raise InputError(line.path, "channels", "one in each of several files", found)
+            found = f"{line.channels.shape[1]} channels: import this file alone"
+            raise InputError(line.path, "channels", "one channel per file, if there are several files", found)
         if len(line.channels) < 2:
             raise InputError(line.path, "traces", "at least 2", str(len(line.channels)))
         if line.channels.shape[2] != first.channels.shape[2]:
@@ -190,7 +190,7 @@ def check_rising(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
         expected = "positions that rise from trace to trace, or --length-m"
     elif place_m[-1] - place_m[0] > _STEPS_A_TRACE * len(place_m) * usual_m:
         bad = int(np.argmax(steps_m))
-        expected = f"steps like most of them, {usual_m:g} m"
+        expected = f"steps near the usual {usual_m:g} m"
     else:
         return
     raise InputError(line.path, f"position of trace {bad + 1}", expected, f"a step of {steps_m[bad]:g} m")
@@ -200,7 +200,7 @@ def check_steps(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
     """Raise ``InputError`` where most traces are farther apart than any radar records them: places in another unit."""
     usual_m = float(np.median(np.diff(place_m)))
     if usual_m > _LARGEST_STEP_M:
-        expected = f"metres, traces up to {_LARGEST_STEP_M:g} m apart (are the places millimetres?)"
+        expected = f"metres, traces up to {_LARGEST_STEP_M:g} m apart (are the positions in millimetres?)"
         raise InputError(line.path, "trace spacing", expected, f"{usual_m:g} m from trace to trace")
 
 
@@ -304,7 +304,7 @@ def write_positioned_lines(
         try:
             headings.append(path_headings_deg(latitude, longitude, own))
         except ValueError:
-            raise InputError(line.path, "positions", "a line that moves", "one place") from None
+            raise InputError(line.path, "positions", "positions along a line", "one position") from None
         travels.append(begin_m + own - own[0])
         # Traces may repeat a place (the antenna stood, or coordinates are coarse), but a clock must rise.
         length_m = float(own[-1] - own[0])

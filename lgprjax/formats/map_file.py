@@ -74,7 +74,7 @@ class CodedTraceBlocks:
         if blocks != due:
             raise InputError(path, "/baselines/codes", f"{due} blocks of {BLOCK} stations", str(blocks))
         if not _orthonormal(self.code.basis):
-            raise InputError(path, "/code/basis", "as many orthonormal components as samples", "others")
+            raise InputError(path, "/code/basis", "as many orthonormal components as samples", "other components")
 
     def stored(self, stations: Int[np.ndarray, " scan"]) -> CodedTraces:
         """As stored in the file."""

@@ -183,7 +183,7 @@ class MapWriter:
             self._fill("retired", retired, 0)
         if self._code is not None:
             if not np.array_equal(self._code.gain, description.gain.astype(np.float32)):
-                raise InputError(self.path, "/gain", "the gain that the stations are coded for", "another")
+                raise InputError(self.path, "/gain", "the gain used to encode the stations", "another gain")
             write_array(store, _SCHEMA, "/code/basis", self._code.basis)
             write_array(store, _SCHEMA, "/code/level", self._code.level)
             write_attribute(store["code"], "step_rms", self._code.step_rms)
@@ -278,7 +278,12 @@ def copy_stations(source: MapFile, writer: MapWriter, pose: Float[np.ndarray, "s
     if writer.stations == 0:
         writer.use(source.precision, source.code)
     elif not _alike(source, writer):
-        raise InputError(source.path, "/code/basis", "traces stored as those before them", "another precision or basis")
+        raise InputError(
+            source.path,
+            "/code/basis",
+            "traces with the precision and basis of earlier stations",
+            "another precision or basis",
+        )
     for start in range(0, len(source.places), UNIT):
         stations = np.arange(start, min(start + UNIT, len(source.places)))
         stored = source.read_stored(stations)
@@ -318,7 +323,7 @@ def locked_map(path: str | Path) -> Iterator[None]:
         except OSError as error:
             raise InputError(target, "output", "a file that can be locked", os.strerror(error.errno or 0)) from None
         if holder is not None:
-            raise InputError(target, "output", "a map that no other process is writing", f"{holder} at work on it")
+            raise InputError(target, "output", "a map that no other process is writing", f"in use by {holder}")
         _clear_remains(target)
         yield
 

@@ -103,7 +103,7 @@ def fixes_of(path: str | Path, log: DriveLog) -> ExportedFixes:
     pose_m, covariance = read_fix_poses(file)
     anchor = [each for each in map(table.attrs.get, _ANCHOR) if isinstance(each, float)]
     if pose_m is None or covariance is None or len(anchor) < len(_ANCHOR):
-        raise InputError(file, "/pose_m, /covariance and the anchor", "those that lgprjax register writes", "none")
+        raise InputError(file, "/pose_m, /covariance and the anchor", "fixes written by lgprjax register", "none")
     _check_drive(file, table, log)
     frame = LocalFrame(*anchor)
     latitude, longitude, height, heading = (
@@ -181,7 +181,7 @@ def _check_drive(file: Path, table: pd.DataFrame, log: DriveLog) -> None:
         raise InputError(file, "@t0_utc", log.description.t0_utc, str(table.attrs.get("t0_utc")))
     apart_s = np.abs(time_s - log.scan_time_s[np.minimum(scan, log.scans - 1)])
     if scan[-1] >= log.scans or np.any(apart_s > _SAME_TIME_S):
-        raise InputError(file, "time_s", f"those of the scans of {log.path.name}", "others")
+        raise InputError(file, "time_s", f"the scan times of {log.path.name}", "other times")
     refuse_other_drive(file, table, log.path)
 
 
@@ -300,7 +300,7 @@ def export_mcap(
     """
     path = Path(output)
     if path.suffix.lower() not in MESSAGE_SUFFIXES:
-        raise InputError(path, "file name", f"one that ends in {', '.join(MESSAGE_SUFFIXES)}", repr(path.suffix))
+        raise InputError(path, "file name", f"a name that ends in {', '.join(MESSAGE_SUFFIXES)}", repr(path.suffix))
     with ExitStack() as stack:
         log = stack.enter_context(DriveLog.open(drive))
         found = None if fixes is None else fixes_of(fixes, log)

@@ -347,7 +347,7 @@ def _notes(
             "unreadable": recording.unreadable[rows.topic],
             "without usable values": rows.left_out,
             "without a stamp": rows.unstamped,
-            "of a stamp that another had": rows.repeated,
+            "with a duplicate stamp": rows.repeated,
         }
         texts = [f"{count} messages {words}" for words, count in counts.items() if count]
         if texts:
@@ -355,17 +355,17 @@ def _notes(
         if rows.unordered:
             notes.append(f"{rows.topic}: {rows.unordered} stamps are earlier than those before them; sorted")
         if not rows.header_clock:
-            notes.append(f"{rows.topic}: headers have no stamps, times of recording were used")
+            notes.append(f"{rows.topic}: headers have no stamps; recording times were used")
         apart_s = rows.lag_s() - used[0].lag_s()
         if rows.header_clock == used[0].header_clock and abs(apart_s) > _SAME_CLOCK_S:
             beside = f"{rows.topic}: stamps are {apart_s:.3g} s before those of {used[0].topic}"
-            notes.append(f"{beside}, as against the times of recording: one clock may be wrong")
+            notes.append(f"{beside}, unlike the recording times: one clock may be wrong")
     if attitude is None:
         notes.append("heading from the path, roll taken as 0: no topic tells them")
     if odometer is None:
-        notes.append("travel from the positions: no topic of odometry")
+        notes.append("travel from positions: no odometry topic")
     if outside:
-        notes.append(f"left out {outside} scans that navigation and odometry do not span")
+        notes.append(f"left out {outside} scans outside the time span of navigation and odometry")
     return tuple(notes)
 
 
@@ -390,11 +390,11 @@ def _write_scans(
             if len(block) == _BLOCK_SCANS:
                 _append(writer, block, time_s)
         if len(waiting) > _MOST_WAITING:
-            expected = f"scans whose stamps are in order but for {_MOST_WAITING}"
-            raise InputError(recording.path, radar.topic, expected, f"more waiting for scan {following}")
+            expected = f"at most {_MOST_WAITING} scans ahead of a late one"
+            raise InputError(recording.path, radar.topic, expected, f"more scans before scan {following}")
     _append(writer, block, time_s)
     if writer.scans != len(order):
-        raise InputError(recording.path, radar.topic, f"{len(order)} scans, as before", str(writer.scans))
+        raise InputError(recording.path, radar.topic, f"{len(order)} scans, as on the first pass", str(writer.scans))
 
 
 def _append(writer: DriveWriter, block: list[Scan], time_s: Float[np.ndarray, " scan"]) -> None:

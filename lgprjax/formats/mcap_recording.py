@@ -341,7 +341,7 @@ def recording_of_form(path: Path, form: ScanForm, values: Mapping[str, Any] | No
     }
     for name, (numbers, size) in due.items():
         if len(numbers) != size:
-            raise InputError(path, f"RadarArray, {name}", f"{size} numbers, as the scans have it", str(len(numbers)))
+            raise InputError(path, f"RadarArray, {name}", f"{size} numbers, as in the scans", str(len(numbers)))
     gain, delay_ns = (_numbers(path, values, name) for name in ("channel_gain", "channel_delay_ns"))
     return SweepRecording(
         frequencies_hz,

@@ -193,7 +193,7 @@ def odometry_track(path: Path, odometry: TopicRows, t0_ns: int) -> OdometryTrack
     steps_m = _steps_m(x_m, y_m, yaw)
     if not (np.all(np.isfinite(steps_m)) and np.any(steps_m)):
         if np.any(np.diff(x_m) ** 2 + np.diff(y_m) ** 2) and not np.any(speed_mps):
-            raise InputError(path, odometry.topic, "orientations or speeds", "places only")
+            raise InputError(path, odometry.topic, "orientations or speeds", "positions only")
         steps_m = 0.5 * (speed_mps[1:] + speed_mps[:-1]) * np.diff(time_s)
     return OdometryTrack(time_s, np.concatenate([[0.0], np.cumsum(steps_m)]))
 
@@ -223,7 +223,7 @@ def navigation_track(
         ns, rows = ns[covered], rows[covered]
         found = TrackAttitude(*(part[covered] for part in found))
     if len(ns) < 2:
-        beside = "" if attitude is None else f" within the headings of {attitude.topic}"
+        beside = "" if attitude is None else f" within the time span of {attitude.topic}"
         raise InputError(path, position.topic, f"at least 2 positions{beside}", str(len(ns)))
     time_s = (ns - t0_ns) / 1e9
     if attitude is None:
@@ -270,7 +270,7 @@ def tracks_assumed(
 
 
 def _stands_in(sigma: float | None, unit: str) -> str:
-    return "not recorded" if sigma is None else f"{sigma:g} {unit} where no message tells it, as told"
+    return "not recorded" if sigma is None else f"{sigma:g} {unit} as given, where no message states it"
 
 
 def travel_along(navigation: NavigationTrack) -> OdometryTrack:
@@ -330,7 +330,7 @@ def _attitude_of_path(
         heading_deg = path_headings_deg(latitude, longitude, travel_m)
     except ValueError:
         expected = "a vehicle that moves, or a source of headings"
-        raise InputError(path, topic, expected, "one that stands still") from None
+        raise InputError(path, topic, expected, "a stationary vehicle") from None
     unknown = np.full(len(time_s), np.nan)
     return TrackAttitude(np.radians(90.0 - heading_deg), np.zeros(len(time_s)), unknown, unknown)
 

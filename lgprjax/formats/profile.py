@@ -86,7 +86,7 @@ def companion(path: Path, suffix: str) -> Path:
     except OSError:
         pass
     header = path.stem + (suffix.upper() if path.suffix.isupper() else suffix)
-    raise InputError(path, "header file", f"{header} beside it", "none: copy it there")
+    raise InputError(path, "header file", f"{header} in the same folder", "none: copy it there")
 
 
 def named_frequency_hz(antenna: str) -> float | None:

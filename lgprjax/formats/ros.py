@@ -244,41 +244,41 @@ COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 _OWN = {
     RADAR_SCAN: """\
 # One scan of a radar array.
-std_msgs/Header header       # stamp: moment at which the first channel was heard
-uint32 channels              # from left to right
-uint32 samples               # of a trace, or frequencies of a sweep
-string encoding              # of data, little-endian: uint8, int16, int32, float32 (traces), complex64 (sweeps)
-float64 sample_interval_ns   # two-way travel time between samples; 0 of sweeps
-float64 time_zero_ns         # time zero lies this long after the first sample
-float64 zero_level           # value that stands for no signal
-uint8[] valid                # one a channel, 0 where it was not heard; empty: all were
+std_msgs/Header header       # stamp: time of the first channel
+uint32 channels              # number of channels, from left to right
+uint32 samples               # samples of a trace, or frequencies of a sweep
+string encoding              # type of data, little-endian: uint8, int16, int32, float32 (traces), complex64 (sweeps)
+float64 sample_interval_ns   # two-way travel time between samples; sweeps: 0
+float64 time_zero_ns         # delay of time zero after the first sample
+float64 zero_level           # value of zero signal
+uint8[] valid                # one per channel, 0: channel missing; empty: all channels valid
 uint8[] data                 # channel after channel, sample after sample
-uint8[] calibration          # sweep of the calibration channel, encoded like data; empty of traces
+uint8[] calibration          # sweep of the calibration channel, encoded like data; traces: empty
 """,
     RADAR_ARRAY: """\
-# Where the antennas of a radar array are, and what reading its scans needs beside them.
-std_msgs/Header header               # frame_id: the vehicle; its origin is at the rear axle, on the ground
-float64[] x_m                        # forward, one a channel
-float64[] y_m                        # to the left, one a channel, falling
+# Antenna positions of a radar array, and parameters for reading its scans.
+std_msgs/Header header               # frame_id: the vehicle; origin at the rear axle, on the ground
+float64[] x_m                        # forward position of each channel
+float64[] y_m                        # leftward position of each channel, decreasing
 float64[] time_offset_s              # delay of each channel after the stamp of its scan
-float64 height_m                     # of the array above the ground
-float64 zero_slip_m                  # ahead of the rear axle: the point that moves along the body's axis
-float64 centre_frequency_hz          # 0: not known
-float64[] frequencies_hz             # of sweeps; empty of traces, and so is all that follows
-float64 group_delay_ns               # delay of the calibration channel's path
-float32[] lookup_sweeps              # real, imaginary, of each channel and frequency: the array in empty space
-float32[] lookup_calibration_sweep   # real, imaginary, of each frequency
+float64 height_m                     # height of the array above the ground
+float64 zero_slip_m                  # distance ahead of the rear axle: the point that moves along the body axis
+float64 centre_frequency_hz          # 0: unknown
+float64[] frequencies_hz             # frequencies of sweeps; traces: empty, like all fields below
+float64 group_delay_ns               # delay of the calibration path
+float32[] lookup_sweeps              # real, imaginary, per channel and frequency: array pointed at empty space
+float32[] lookup_calibration_sweep   # real, imaginary, per frequency
 float64[] channel_gain               # relative to the array's mean; empty: 1
 float64[] channel_delay_ns           # relative to the array's mean; empty: 0
 """,
     FIX_QUALITY: """\
-# What is known of the match of one scan with the map. Only scans of code ok have a pose on the other topics.
-std_msgs/Header header     # stamp: that of the scan
+# Quality of the match of one scan with the map. Only scans with code ok have a pose on the other topics.
+std_msgs/Header header     # stamp: time of the scan
 uint32 scan                # number in the drive
 string code                # ok, low_correlation, ambiguous, edge, off_map, low_overlap, non_finite, no_window
 float64 correlation
-float64 margin             # correlation less that of the runner-up
-uint32 overlap_channels    # channels that the map covers there
+float64 margin             # correlation minus the runner-up's correlation
+uint32 overlap_channels    # channels over the map at the fix
 """,
 }
 _STANDARD = {

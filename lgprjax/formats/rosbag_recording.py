@@ -91,7 +91,7 @@ class RosbagRecording:
             raise InputError(self.path, "file", "a readable file", error.strerror or str(error)) from None
         except Exception as error:  # any error caused by damaged or missing bytes
             if not began:
-                raise InputError(self.path, "file", "a whole ROS bag", self._instead(error)) from None
+                raise InputError(self.path, "file", "a complete ROS bag", self._instead(error)) from None
             self.whole = False
 
     def _instead(self, error: Exception) -> str:
@@ -104,7 +104,7 @@ class RosbagRecording:
             if not head.startswith((b"#ROSBAG", b"SQLite format 3")):
                 return "another format"
         words = " ".join(str(error).split()) or type(error).__name__
-        return f"a cut or damaged one ({words}); rosbag reindex mends a cut .bag"
+        return f"a truncated or damaged bag ({words}); rosbag reindex repairs a truncated .bag"
 
     def _layout(self, types: Any, connection: Any) -> MessageLayout | None:
         self.kinds[connection.topic] = connection.msgtype
@@ -136,7 +136,7 @@ def _bag_of(path: Path) -> Path:
     if path.suffix.lower() != ".db3" or path.is_dir():
         return path
     if not (path.parent / _METADATA).is_file():
-        raise InputError(path, "bag", f"{_METADATA} beside it, as ros2 bag writes it", "none")
+        raise InputError(path, "bag", f"{_METADATA} in the same folder, as written by ros2 bag", "none")
     return path.parent
 
 
@@ -224,9 +224,9 @@ def rosbag_writer(path: Path, force: bool) -> Iterator[RosbagWriter]:
 def _atomic_bag(path: Path, force: bool) -> Iterator[Path]:
     """As ``atomic_output``, for the folder of a bag; an existing one is replaced only if it is a bag."""
     if path.exists() and not force:
-        raise InputError(path, "output", "a new folder, or --force", "one that exists")
+        raise InputError(path, "output", "a new folder, or --force", "an existing file or folder")
     if path.exists() and not _is_bag_alone(path):
-        expected = f"a new folder, or a bag with its {_METADATA} and nothing else to replace"
+        expected = f"a new folder, or a folder with only a bag and its {_METADATA} to replace"
         raise InputError(path, "output", expected, "another")
     if not path.parent.is_dir():
         raise InputError(path, "output", "a folder that exists", f"no folder {path.parent}")

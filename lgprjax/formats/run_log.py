@@ -155,18 +155,18 @@ def _instead_of_folder(path: Path) -> str:
     if not path.exists():
         return "no folder"
     if path.suffix == SUFFIX:
-        return f"one of its segments: name its folder, {path.parent}"
+        return f"a segment of a run: give its folder, {path.parent}"
     if path.suffix == ".toml":
-        return "a configuration or another TOML file: runs are in the folder that its recording.folder names"
+        return "a TOML file: the runs are in the folder recording.folder of the configuration"
     if path.name.endswith(".drive.h5"):
-        return "a drive log: that is what lgprjax recover makes of a run"
+        return "a drive log (lgprjax recover makes it from a run)"
     return "a file"
 
 
 def _instead_of_run(path: Path) -> str:
     """What a folder without segments is: often the one that the runs are in."""
     runs = sorted(each for each in path.iterdir() if each.is_dir() and segments_of(each))
-    return f"a folder of runs: name one of them, such as {runs[-1]}" if runs else "none"
+    return f"a folder of runs: give one of them, such as {runs[-1]}" if runs else "none"
 
 
 class _Tally:

@@ -181,7 +181,7 @@ class Tally:
     def findings(self, file: str, place: str) -> Iterator[Finding]:
         """One finding a failed check: the number of values, and the place of the first."""
         for expected, (count, first) in (self.bad or {}).items():
-            found = f"{count} of {self.size} values otherwise, the first at index {first}"
+            found = f"{count} of {self.size} other values, the first at index {first}"
             yield Finding(file, place, expected, found, "warning" if self.entry.severity == "warning" else "error")
 
 
@@ -207,9 +207,9 @@ def check_scalar(entry: Entry, value: object) -> str | None:
         problem = None if offset in (None, timedelta(0)) else f"{value!r}"
     elif kind == "json":
         try:
-            problem = None if isinstance(json.loads(value), dict) else "JSON that is no object"
+            problem = None if isinstance(json.loads(value), dict) else "JSON that is not an object"
         except json.JSONDecodeError as error:
-            problem = f"text that is no JSON ({error.msg})"
+            problem = f"text that is not JSON ({error.msg})"
     return problem
 
 
@@ -228,8 +228,8 @@ def expected_scalar(entry: Entry) -> str:
 _KINDS = {
     "lgprjax.drive": "a drive log",
     "lgprjax.map": "a subsurface database",
-    "lgprjax.fixes": "the fixes of a drive",
-    "lgprjax.worked": "a record of a worked field",
+    "lgprjax.fixes": "a file of fixes",
+    "lgprjax.worked": "a worked-area record",
 }
 """Files that are easily mistaken for each other."""
 

@@ -72,13 +72,15 @@ def read_study(path: str | Path) -> Study:
     file = Path(path)
     table = load_toml(file)
     if table.get("schema") == "lgprjax.vehicle":
-        raise InputError(file, "file", "a study: name, kind, vehicle, logs", "a vehicle file, which a study names")
+        raise InputError(
+            file, "file", "a study: name, kind, vehicle, logs", "a vehicle file (the key vehicle of a study names it)"
+        )
     if "ports" in table:
         raise InputError(file, "file", "a study: name, kind, vehicle, logs", "the configuration of a run (lgprjax run)")
     study = fill_table(_StudyTable, TableKey(file), table)
     for name in study.held_out:
         if name in study.logs:
-            raise InputError(file, "held_out", "logs that take no part in the fit", name)
+            raise InputError(file, "held_out", "held-out logs that the fit does not use", name)
     folder = file.parent
     return Study(
         file,
@@ -99,7 +101,7 @@ _NAMES = ("strength_by_chance", "margin_by_chance", "overlap", "sigma_scale")
 
 def _nothing_absolute(value: float) -> float:
     if value != 0.0:
-        expected = "0: fixes are judged in units of the noise floor alone; calibrate again with lgprjax thresholds"
+        expected = "0 (thresholds are in noise-floor units only; calibrate again with lgprjax thresholds)"
         raise BrokenRuleError("", expected)
     return value
 

@@ -59,7 +59,7 @@ def read_topography(path: str | Path) -> SidePositions:
                 raise InputError(file, f"line {line}", "numbers", repr(cells[at][:40]))
             values.append(value)
     if not values:
-        raise InputError(file, "rows", "at least one place", "none")
+        raise InputError(file, "rows", "at least one position", "none")
     table = np.frombuffer(values).reshape(-1, len(columns))
     return _positions(file, {name: table[:, at].copy() for at, name in enumerate(columns)})
 

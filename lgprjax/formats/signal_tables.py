@@ -205,8 +205,10 @@ def _left_out(path: Path, column: str, values: np.ndarray, count: int, row: int,
     first = f"the first {text[:40]!r} in row {row}"
     cells = count + int(np.count_nonzero(np.isfinite(values)))
     if count > _WORDS_SHARE * cells:
-        raise InputError(path, f"column {column!r}", "numbers", f"{count} of {cells} cells that are none, {first}")
-    return f"{count} of {cells} cells of column {column!r} are no numbers, {first}"
+        raise InputError(
+            path, f"column {column!r}", "numbers", f"{count} of {cells} cells that are not numbers, {first}"
+        )
+    return f"{count} of {cells} cells of column {column!r} are not numbers, {first}"
 
 
 def _converted(
@@ -234,7 +236,7 @@ def _converted(
     if len(wrong):
         row = int(wrong[0]) + 1
         found = f"{time_s[row]:.6f} s after {time_s[row - 1]:.6f} s in row {rows[row]}"
-        raise InputError(path, f"time of {column.column!r}", "times that rise", found)
+        raise InputError(path, f"time of {column.column!r}", "increasing times", found)
     if not own and time_s[-1] - time_s[0] < _LEAST_S:
         expected = f"{_LEAST_S:g} s or more once converted (is the unit {columns['time'].unit}?)"
         raise InputError(path, f"column {columns['time'].column!r}", expected, f"{time_s[-1] - time_s[0]:g} s")
@@ -344,7 +346,7 @@ def _read_mcap(path: Path, asked: _SignalMap, map_file: Path) -> dict[str, tuple
             rows[name].append((at_ns, float(np.asarray(message.values[member]).reshape(-1)[0])))
     for name in asked.signals:
         if name not in seen:
-            raise InputError(path, asked.signals[name].column, "messages of that topic", "none")
+            raise InputError(path, asked.signals[name].column, "messages on this topic", "none")
     first = min(held[0][0] for held in rows.values())
     return {
         name: (np.array([1e-9 * (at - first) for at, _ in held]), np.array([value for _, value in held]))
@@ -424,7 +426,7 @@ def _navigation(
     """Poses of the rear axle; without positions reckoned from speed and yaw rate, which the log then says."""
     on_earth, in_plane = ({*pair} <= set(series) for pair in (("latitude", "longitude"), ("east", "north")))
     if asked.utm_zone is not None and (on_earth or not in_plane):
-        expected = "signals east and north beside it, and no latitude and longitude"
+        expected = "signals east and north, and no latitude and longitude"
         raise TableKey(map_file, "utm_zone").refuse(expected, f"{asked.utm_zone!r} without use")
     if on_earth:
         time_s = series["latitude"].time_s

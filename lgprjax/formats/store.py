@@ -37,17 +37,17 @@ def open_store(path: str | Path) -> h5py.File:
             raise InputError(file, "file", "a readable file", error.strerror) from None
         if not h5py.is_hdf5(file):
             raise InputError(file, "file", "an HDF5 file", _named_otherwise(file)) from None
-        raise InputError(file, "file", "a whole HDF5 file", "one that is cut short or damaged") from None
+        raise InputError(file, "file", "a complete HDF5 file", "a truncated or damaged file") from None
 
 
 def _named_otherwise(file: Path) -> str:
     """What a file is that is no HDF5, by its name, and where what was asked for comes from."""
     if file.name.endswith(".cover.geojson"):
-        return "the plan of a field (lgprjax cover record makes X.worked.h5 of it and of recorded runs)"
+        return "a coverage plan (lgprjax cover record makes X.worked.h5 from it and from recorded runs)"
     if file.name.endswith(".fixes.csv"):
-        return "fixes as a table (X.fixes.h5 beside it has them as HDF5)"
+        return "a table of fixes (X.fixes.h5 has them as HDF5)"
     if file.suffix == ".toml":
-        return "TOML, a text of settings"
+        return "a TOML text file"
     return "another format (lgprjax import converts recordings)"
 
 
@@ -162,7 +162,7 @@ def validate_store(
     try:
         yield from _findings(store, file, schema, bulk, complete)
     except DAMAGE:
-        yield Finding(file, "file", "a whole HDF5 file", "one whose structure is damaged")
+        yield Finding(file, "file", "a complete HDF5 file", "a damaged file structure")
 
 
 def _findings(store: h5py.File, file: str, schema: Schema, bulk: bool, complete: bool) -> Iterator[Finding]:
@@ -298,7 +298,7 @@ def atomic_output(path: str | Path, force: bool = False) -> Iterator[Path]:
     if target.is_dir():
         raise InputError(target, "output", "a file name", "a folder")
     if target.exists() and not force:
-        raise InputError(target, "output", "a new file, or --force", "one that exists")
+        raise InputError(target, "output", "a new file, or --force", "an existing file")
     if not target.parent.is_dir():
         raise InputError(target, "output", "a folder that exists", f"no folder {target.parent}")
     temporary = target.parent / f".{target.name}.partial-{os.getpid()}"

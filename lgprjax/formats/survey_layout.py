@@ -80,7 +80,7 @@ def lay_out(
     if not whole:
         if len(lines) > 1:
             bare = next(line for line, side in zip(lines, beside, strict=True) if side is None)
-            expected = "positions beside every line, or --line-spacing-m or --lines-at-m"
+            expected = "a position file for every line, or --line-spacing-m or --lines-at-m"
             of_header = bare.metadata.get("coordinates")
             found = "none" if of_header is None else f"none (coordinates: {of_header})"
             raise InputError(bare.path, "positions", expected, found)
@@ -98,12 +98,12 @@ def lay_out(
         return SurveyLayout(source, start, False, np.zeros(len(lines)), None, degrees)
     if not _all_of(known, ("local metres", "grid metres")):
         kinds = ", ".join(sorted({side.kind for side in known}))
-        raise InputError(known[0].path, "positions", "one kind beside all lines", kinds)
+        raise InputError(known[0].path, "positions", "one kind of positions for all lines", kinds)
     if known[0].kind == "grid metres":
         place, known, assumed = (*_on_grid(known, utm_zone), False)
     elif of_headers and any(len(np.unique(np.concatenate(values))) == 1 for values in _by_axis(known)):
-        expected = "places across the lines too, or --line-spacing-m or --lines-at-m"
-        raise InputError(known[0].path, "coordinates", expected, "places along them only")
+        expected = "positions across the lines too, or --line-spacing-m or --lines-at-m"
+        raise InputError(known[0].path, "coordinates", expected, "positions along the lines only")
     return _by_topography(lines, known, place, assumed, "header" if of_headers else "topography")
 
 
@@ -151,11 +151,11 @@ def header_positions(line: Profile) -> SidePositions | None:
 def _check_fit(line: Profile, side: SidePositions) -> None:
     """Raise ``InputError`` for positions that are not this line's: too few or too many, or beyond its end."""
     traces, cut = len(line.channels), line.cut is not None
-    another = f"; move {side.path.name} elsewhere if it is another line's"
+    another = f"; move {side.path.name} away if it belongs to another line"
     if side.numbered:
         beyond = int(np.count_nonzero(side.trace >= traces))
         if beyond == len(side.trace) or (beyond > max(2, 0.1 * traces) and not cut):
-            found = f"{beyond} of {len(side.trace)} positions beyond its end{another}"
+            found = f"{beyond} of {len(side.trace)} positions beyond the end of the line{another}"
             raise InputError(side.path, "traces", f"positions of the {traces} traces of {line.path.name}", found)
         return
     if about_as_many(len(side.x), traces, cut=cut):
@@ -200,7 +200,7 @@ def _axis(known: Sequence[SidePositions]) -> Float[np.ndarray, "2"]:
     way = (ways * signs[:, None]).sum(axis=0)
     length_m = float(np.hypot(*way))
     if not length_m > 0.0:
-        raise InputError(known[0].path, "positions", "a line that moves", "one place")
+        raise InputError(known[0].path, "positions", "positions along a line", "one position")
     return np.asarray(way / length_m)
 
 
@@ -278,7 +278,7 @@ def _filled(
     """
     known = np.flatnonzero(np.isfinite(east_m) & np.isfinite(north_m))
     if len(known) < 2:
-        raise InputError(line.path, "positions", "at least two of its traces with a place", f"{len(known)}")
+        raise InputError(line.path, "positions", "at least two traces with a position", f"{len(known)}")
     index = np.arange(len(east_m), dtype=np.float64)
     step = np.array([np.polyfit(index[known], values[known], 1)[0] for values in (east_m, north_m)])
     length_m = float(np.hypot(*step))

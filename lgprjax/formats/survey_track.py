@@ -20,7 +20,7 @@ SURVEY_SPEED_MPS = 1.0
 CLOCK_ASSUMED: Assumed = {"time": "unknown", "speed": f"{SURVEY_SPEED_MPS:g} m/s"}
 FIRST_SAMPLE = "the first sample"
 # What a person gave for nothing.
-UNUSED_PLACE = "the latitude and longitude given were not used: the lines have places of their own"
+UNUSED_PLACE = "the latitude and longitude given were not used: the lines have their own positions"
 TRACK_ASSUMED: Assumed = {"roll": "taken as 0", "position sigma": "not recorded", "heading sigma": "not recorded"}
 # Headings are computed over this length of path: centimetres of noise then change them by a degree or two at most.
 CHORD_M = 1.0

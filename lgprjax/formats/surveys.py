@@ -237,7 +237,9 @@ def _read(path: str | Path, sample_interval_ns: float | None, partial: bool) -> 
     if sample_interval_ns is None:
         return read_profile(path, partial=partial)
     if READERS.get(Path(path).suffix.lower()) is not read_segy:
-        raise InputError(path, "file name", "SEG-Y, as a sample interval is given", repr(Path(path).suffix))
+        raise InputError(
+            path, "file name", "SEG-Y (the only format with a sample interval option)", repr(Path(path).suffix)
+        )
     return read_segy(path, sample_interval_ns=sample_interval_ns, partial=partial)
 
 
@@ -246,7 +248,7 @@ def _check_once(paths: Sequence[str | Path]) -> None:
     seen: set[Path] = set()
     for path in map(Path, paths):
         if path.resolve() in seen:
-            raise InputError(path, "lines", "each file once", "it twice")
+            raise InputError(path, "lines", "each file once", "this file twice")
         seen.add(path.resolve())
 
 
@@ -283,30 +285,32 @@ def _notes(
     files = dict.fromkeys(line.path for line in lines)
     if length_m is not None:
         unused = [file for path in files for file in find_side_files(path)]
-        notes += _of_files(unused, "not used, as the length given places the traces")
-    notes += _of_files([file for path in files for file in unread_notes(path)], "not read, as it is no topography")
+        notes += _of_files(unused, "not used: the given length positions the traces")
+    notes += _of_files([file for path in files for file in unread_notes(path)], "not read: not a topography file")
     sides = [(line, side) for line, side in zip(lines, beside, strict=True) if side is not None]
     if not sides:
         first_file = next(iter(files))
-        notes += _of_files(strangers(first_file), f"not read; positions of {first_file.name} are in a file of its name")
+        notes += _of_files(
+            strangers(first_file), f"not read: the position file of {first_file.name} must have the same name"
+        )
     points = [side.path for line, side in sides if not places_traces(line, side)]
-    notes += _of_files(list(dict.fromkeys(points)), "not used, as fewer points than traces tell heights only")
+    notes += _of_files(
+        list(dict.fromkeys(points)), "not used for positions: it has fewer points than traces (heights only)"
+    )
     for (line, _), rows in zip(sides, layout.along_m, strict=True) if layout.along_m is not None else ():
         header_m = (line.spacing_m or 0.0) * (len(line.channels) - 1)
         rows_m = float(abs(rows[-1] - rows[0]))
         if header_m and not 1.0 / OTHER_LENGTH < rows_m / header_m < OTHER_LENGTH:
-            notes.append(
-                f"{line.path.name}: its topography is {rows_m:.2f} m long, by its header it is {header_m:.2f} m"
-            )
+            notes.append(f"{line.path.name}: the topography is {rows_m:.2f} m long, the header says {header_m:.2f} m")
     dead = dict.fromkeys(line.path.name for line in lines if not np.ptp(line.traces))
-    notes += [f"{name}: nothing was recorded: all of its samples are alike" for name in dead]
+    notes += [f"{name}: no signal was recorded: all samples are equal" for name in dead]
     first: dict[str, Path] = {}
     for line in lines:
         same = first.setdefault(hashlib.sha256(line.traces.tobytes()).hexdigest(), line.path)
         if same != line.path and line.path.name not in dead:
-            notes.append(f"{line.path.name}: its traces are those of {same.name}: a copy?")
+            notes.append(f"{line.path.name}: same traces as {same.name}: a copy?")
     if utm_zone is not None and all(side.kind != "grid metres" for _, side in sides):
-        notes.append(unused_zone(utm_zone, "no positions are metres of a grid"))
+        notes.append(unused_zone(utm_zone, "no positions are in grid metres"))
     if not place.assumed() and place[:2] != layout.place[:2]:
         notes.append(UNUSED_PLACE)
     return tuple(notes)
@@ -331,21 +335,19 @@ def _tape(
             raise ArgumentError(f"lines_at_m, {other}", "one of them", "both")
         right_m = np.asarray(lines_at_m, dtype=np.float64)
         if len(right_m) != lines or not np.all(np.isfinite(right_m)):
-            expected = (
-                f"{lines} distances in metres, one for each line" if lines > 1 else "one distance, as of one line"
-            )
+            expected = f"{lines} distances in metres, one for each line" if lines > 1 else "one distance, for one line"
             found = " ".join(f"{each:g}" for each in right_m[:12]) + (" ..." if len(right_m) > 12 else "")
             raise ArgumentError("lines_at_m", expected, f"{len(right_m)}: {found}")
         apart_m = np.diff(np.sort(right_m))
         if np.any(apart_m < _SAME_LINE_M):
-            raise ArgumentError("lines_at_m", "lines apart from each other", f"two within {apart_m.min():g} m")
+            raise ArgumentError("lines_at_m", "lines at different distances", f"two within {apart_m.min():g} m")
         if np.any(apart_m > _FARTHEST_LINES_M):
             expected = f"metres, neighbours up to {_FARTHEST_LINES_M:g} m apart"
             raise ArgumentError("lines_at_m", expected, f"two {apart_m.max():g} m apart")
         return right_m
     if line_spacing_m is None:
         if first_line_m != 0.0:
-            raise ArgumentError("first_line_m", "--line-spacing-m beside it", "none")
+            raise ArgumentError("first_line_m", "--line-spacing-m as well", "none")
         return None
     if lines > 1 and not 0.0 < line_spacing_m <= _FARTHEST_LINES_M:
         expected = f"metres, above 0 and up to {_FARTHEST_LINES_M:g}"

@@ -79,9 +79,11 @@ def read_taken_up(path: Path) -> TakenUp:
         runs = tuple(head["runs"])
         held = TakenUp(str(head["plan_sha256"]), Resumption(place, worked), grid, probability, runs, shared_m)
     except FileNotFoundError:
-        raise InputError(path, "file", "what earlier runs worked", "no such file") from None
+        raise InputError(path, "file", "the worked area of earlier runs", "no such file") from None
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(path, "file", "what earlier runs worked, written by run --resume", repr(error)) from None
+        raise InputError(
+            path, "file", "the worked area of earlier runs, written by run --resume", repr(error)
+        ) from None
     if held.probability.shape != held.grid.shape:
         raise InputError(path, "probability", f"{held.grid.shape} cells", f"{held.probability.shape}")
     return held

@@ -56,7 +56,7 @@ def write_trajectory(path: str | Path, trajectory: Trajectory, frame: LocalFrame
     """
     write = _WRITERS.get(Path(path).suffix.lower())
     if write is None:
-        raise InputError(path, "file name", f"one that ends in {', '.join(_WRITERS)}", f"{Path(path).suffix!r}")
+        raise InputError(path, "file name", f"a name that ends in {', '.join(_WRITERS)}", f"{Path(path).suffix!r}")
     if not len(trajectory.time_s):
         raise InputError(path, "trajectory", f"at least one pose of {trajectory.what}", "none")
     with atomic_output(path, force) as temporary:

@@ -270,7 +270,9 @@ class VehicleFile(ConfigTable):
                 raise BrokenRuleError(place, f"{len(numbers)} low and high", f"{len(lows)} and {len(highs)}")
             for low, number, high in zip(lows, numbers, highs, strict=True):
                 if not low <= number <= high:
-                    raise BrokenRuleError(place, f"an interval that holds {path} = {number:g}", f"{low:g} to {high:g}")
+                    raise BrokenRuleError(
+                        place, f"an interval that contains {path} = {number:g}", f"{low:g} to {high:g}"
+                    )
         return self
 
 

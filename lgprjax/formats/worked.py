@@ -154,12 +154,12 @@ class WorkedRecord(NamedTuple):
 
 _STOPS = {
     1: "operator or remote link",
-    2: "edge of the field predicted crossed",
+    2: "predicted crossing of the field edge",
     4: "tool off or at a wrong depth",
     8: "position too uncertain",
     16: "heading not known",
     32: "wheels or their sensors",
-    64: "box or its line",
+    64: "box or its connection",
     128: "computer",
     256: "recording",
     512: "off the line",

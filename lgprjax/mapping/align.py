@@ -609,7 +609,7 @@ def baseline_files(source: MapFile) -> list[str]:
     rows = inputs if isinstance(inputs, list) else []
     said = [str(row["file"]) for row in rows if isinstance(row, dict) and "file" in row]
     drives = len(source.description.label_sigma_m)
-    return said if len(said) == drives else ["not named by the map"] * drives
+    return said if len(said) == drives else ["unnamed in the map"] * drives
 
 
 def agreement_in_words(agreed: AgreedBaselines, files: Sequence[str]) -> list[str]:
@@ -617,20 +617,20 @@ def agreement_in_words(agreed: AgreedBaselines, files: Sequence[str]) -> list[st
     share = 100.0 * (1.0 - agreed.kept / agreed.used) if agreed.used else 0.0
     before, after = agreed.before, agreed.after
     tried = (
-        f"{agreed.tried} places tried on earlier passes, {agreed.matched} matched, {agreed.used} of them "
+        f"{agreed.tried} positions searched on earlier passes, {agreed.matched} matched, {agreed.used} of them "
         f"supported, {share:.1f} % of these rejected; their sigmas times {agreed.noise_scale:.2f}"
     )
     if not agreed.kept:
-        return [tried, "no matches connect the baselines of this map: all labels stay as they are"]
+        return [tried, "no matches connect the baselines of this map: all labels are unchanged"]
     moved = (
-        f"matches were {before.rms_m:.3f} m RMS (median of all {before.median_m:.3f}) from their labels, and are "
-        f"{after.rms_m:.3f} m ({after.median_m:.3f}) from the corrected ones"
+        f"before: matches {before.rms_m:.3f} m RMS (median of all {before.median_m:.3f}) from their labels; after: "
+        f"{after.rms_m:.3f} m ({after.median_m:.3f}) from the corrected labels"
     )
     return [
         tried,
         moved,
         *(
-            f"baseline {change.drive} ({files[change.drive]}) is not connected: its labels stay as they are"
+            f"baseline {change.drive} ({files[change.drive]}) is not connected: its labels are unchanged"
             for change in agreed.baselines
             if not change.kept
         ),

@@ -56,7 +56,7 @@ def _require_near(log: DriveLog, frame: LocalFrame, first: str | Path) -> None:
     away_m = pyproj.Geod(ellps="WGS84").inv(*here, frame.longitude_deg, frame.latitude_deg)[2]
     if away_m > _FARTHEST_M:
         expected = f"a drive within {_FARTHEST_M / 1e3:g} km of {Path(first).name}"
-        raise InputError(log.path, "/navigation", expected, f"one that begins {away_m / 1e3:.0f} km away")
+        raise InputError(log.path, "/navigation", expected, f"a drive that starts {away_m / 1e3:.0f} km away")
 
 
 def build_map(
@@ -111,7 +111,7 @@ def build_map(
         own = file_hash(path)
         if own in hashes:
             # It would agree with itself, and the map would believe that its labels are known better than they are.
-            raise InputError(path, "drives", "each drive once", f"the contents of {drives[hashes.index(own)]} again")
+            raise InputError(path, "drives", "each drive once", f"the same contents as {drives[hashes.index(own)]}")
         hashes.append(own)
     with MapWriter.create(output, precision=precision, force=force) as writer:
         for number, path in enumerate(drives):

@@ -320,7 +320,7 @@ def refuse_unfit(source: MapFile, log: DriveLog) -> str:
     inputs = source.provenance.get("inputs")
     for row in inputs if isinstance(inputs, list) else []:
         if isinstance(row, dict) and row.get("sha256") == digest:
-            found = f"{row.get('file')}, whose ground {source.path.name} holds already"
+            found = f"{row.get('file')}, already in {source.path.name}"
             raise InputError(log.path, "drive", "a drive that is not part of the map", found)
     return digest
 
@@ -334,14 +334,16 @@ def _refuse_elsewhere(
     tried: Bool[np.ndarray, " scan"],
 ) -> None:
     if not tried.any():
-        expected = f"a drive over the map's ground, known to {options.search_half_m():.1f} m"
-        raise InputError(log.path, "/gnss_ins", expected, away or "no scan over it")
+        expected = f"a drive over the mapped ground, with positions within {options.search_half_m():.1f} m"
+        raise InputError(log.path, "/gnss_ins", expected, away or "no scan over the map")
     metres = np.diff(path_m, prepend=0.0)
     over_m = float(metres[tried].sum())
     least_m = max(_LEAST_LOCATED_M, _LEAST_SHARE * over_m)
     if correction.located_m < least_m or not correction.corrected.any():
-        expected = f"fixes that agree over {_LEAST_LOCATED_M:g} m and {100 * _LEAST_SHARE:.0f} % of the way on the map"
-        found = f"{correction.located_m:.0f} m of {over_m:.0f} m: other ground than the map's, or too noisy"
+        expected = (
+            f"consistent fixes over {_LEAST_LOCATED_M:g} m and {100 * _LEAST_SHARE:.0f} % of the distance on the map"
+        )
+        found = f"{correction.located_m:.0f} m of {over_m:.0f} m: different ground from the map, or too noisy"
         raise InputError(log.path, "fixes", expected, found)
 
 
@@ -432,7 +434,7 @@ def update_map(
     # A link would be replaced, and its target stay old.
     target = Path(os.path.realpath(path)) if output is None else Path(output)
     if output is not None and target.exists() and not force:
-        raise InputError(target, "output", "a new file, or --force", "one that exists")
+        raise InputError(target, "output", "a new file, or --force", "an existing file")
     with locked_map(target):
         scratch = scratch_folder(target)
         try:
@@ -468,7 +470,7 @@ def _oldest_first(path: str | Path, drives: Sequence[str | Path]) -> list[Path]:
                 digest = refuse_unfit(source, log)
                 moment = moment_of(log.description.t0_utc)
             if digest in [other for _, other, _ in dated]:
-                raise InputError(drive, "drives", "drives of different content", "one that is given twice")
+                raise InputError(drive, "drives", "drives with different contents", "a drive given twice")
             dated.append((np.inf if moment is None else moment.timestamp(), digest, Path(drive)))
     return [drive for _, _, drive in sorted(dated, key=lambda each: each[0])]
 

@@ -107,7 +107,7 @@ class MapJudge:
         """Places that resemble others so much that a scan could not be distinguished from its rival."""
         likeness = self._survey.signal.likeness
         text = (
-            f"route where the map's own scan exceeds the best other place within the search region by less "
+            f"route where the map's own scan exceeds the best other position in the search region by less "
             f"than a fix requires; median of the rival's score over the scan's own {np.nanmedian(likeness):.2f}"
         )
         short = self._survey.signal.ambiguous
@@ -130,7 +130,7 @@ class MapJudge:
             wide = self._on_route(mine & (apart >= WIDE_OFFSET_M))
             where += self._intervals(wide, self._worst_on_route(apart, mine), smallest=False, drive=int(drive))
         largest = float(np.nanmax(apart)) if ok.any() else np.nan
-        text = f"median of match minus label, largest baseline ({'; '.join(parts)}); worst place {largest:.2f} m"
+        text = f"median of match minus label, largest baseline ({'; '.join(parts)}); worst position {largest:.2f} m"
         value = value if ok.any() else np.nan
         limits = (0.05, WIDE_OFFSET_M)
         return MapFinding("offset", value, "m", *limits, verdict_of(value, *limits), text, tuple(where))
@@ -148,7 +148,7 @@ class MapJudge:
             where += self._intervals(self._on_route(poor & mine), -value, smallest=True, drive=int(drive))
         middle = float(np.nanmedian(match.correlation[tried])) if tried.any() else np.nan
         text = (
-            f"places where a baseline and the others' ground overlap, but the match is not ok (no better than chance, "
+            f"places where a baseline overlaps others, but the match is not ok (no better than chance, "
             f"ambiguous or at the edge); median correlation {middle:.2f}"
         )
         limits = _DISAGREEMENT_PERCENT
@@ -171,7 +171,7 @@ class MapJudge:
         value = float(best.min())
         text = (
             "least correlation of a channel's ground with that of its better neighbour, over a baseline, as a share of "
-            f"what is usual ({np.median(beside):.2f}); low: opposite polarity, another place or no signal"
+            f"the median ({np.median(beside):.2f}); low: opposite polarity, wrong position or no signal"
         )
         verdict = verdict_of(value, *_CHANNEL_LIMITS)
         return MapFinding("channels", value, "", *_CHANNEL_LIMITS, verdict, text, tuple(where))

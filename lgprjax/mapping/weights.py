@@ -70,7 +70,7 @@ def _by_age(recorded: Sequence[datetime | None]) -> tuple[Float[np.ndarray, " dr
     factor, words = np.ones(len(recorded)), []
     for number, moment in enumerate(recorded):
         if moment is None:
-            words.append("age not known")
+            words.append("age unknown")
             continue
         days = (max(known) - moment).total_seconds() / 86400.0
         factor[number] = 0.5 ** (days / HALF_LIFE_DAYS)
@@ -101,11 +101,11 @@ def _by_ground(
     words = []
     for number in range(count):
         if beside[number]:
-            what = f"share of its signal that is ground by {beside[number]} other(s): {rho[number] ** 2:.2f}"
+            what = f"share of ground in its signal, from {beside[number]} other drive(s): {rho[number] ** 2:.2f}"
         elif known[number]:
-            what = f"no other nearby, share that repeats along the track: {rho[number] ** 2:.2f}"
+            what = f"no other drive nearby, share repeated along the track: {rho[number] ** 2:.2f}"
         else:
-            what = "no other nearby, signal not known"
+            what = "no other drive nearby, signal unknown"
         words.append(f"{what}: {factor[number]:.2f}")
     return factor, words
 
@@ -197,7 +197,7 @@ def changes_in_words(drive: DriveUpdate, files: tuple[str, ...]) -> list[str]:
         against = f"against {files[each.baseline]} (matches {each.score:.2f}, usual {each.usual:.2f})"
         if each.agreeing:
             with_it = ", ".join(files[number] for number in each.agreeing)
-            lines.append(f"{where}: changed, {against}; {with_it} agrees: the old ground is retired there")
+            lines.append(f"{where}: changed, {against}; {with_it} agrees: the old ground is retired")
         else:
             lines.append(f"{where}: changed or disturbed, {against}; nothing is retired")
     return lines

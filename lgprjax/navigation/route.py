@@ -82,7 +82,7 @@ def make_route_path(
     if not legs or len(legs) != len(gear) or any(each not in (1, -1) for each in gear):
         raise InputError(name, "legs", "at least one, each with gear 1 or -1", f"{len(legs)} legs, gears {list(gear)}")
     if len(legs) > 1 and any(float(leg.laps_per_m) > 0.0 for leg in legs):
-        raise InputError(name, "legs", "a lone one where it is closed", f"{len(legs)} legs")
+        raise InputError(name, "legs", "one leg for a closed route", f"{len(legs)} legs")
     tightest = np.inf if chassis is None else largest_curvature_radpm(chassis)
     start_m = 0.0
     for leg in legs:
@@ -242,7 +242,7 @@ def legs_of_track(track: RouteTrack) -> tuple[list[Path], list[int]]:
     values = np.concatenate([track.points_m, track.yaw_rad[:, None]], axis=1)
     if not np.all(np.isfinite(values)):
         place = int(np.flatnonzero(~np.all(np.isfinite(values), axis=1))[0])
-        raise InputError(track.name, f"point {place}", "numbers", f"{values[place].tolist()}")
+        raise InputError(track.name, f"point {place}", "finite numbers", f"{values[place].tolist()}")
     points, yaw = _moved(track.points_m, track.yaw_rad)
     steps = np.hypot(*np.diff(points, axis=0).T)
     arc = np.concatenate([[0.0], np.cumsum(steps)])

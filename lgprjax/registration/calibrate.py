@@ -97,7 +97,7 @@ def calibrate(matches: Outcomes, false: Outcomes, risk: float) -> Thresholds:
     if len(false.score) < _LEAST_FALSE:
         raise ValueError(f"{len(false.score)} false matches; at least {_LEAST_FALSE} are needed")
     if not matches.right.any():
-        raise ValueError("no match lies near the truth: labels, map and drive do not belong together")
+        raise ValueError("no match near the true positions: labels, map and drive do not belong together")
     wrong = ~matches.right
     score = tail_limit(false.score / false.noise_floor, risk)
     lead = tail_limit(false.margin / false.noise_floor, risk**0.5)

@@ -309,28 +309,27 @@ SEARCH_SWARM = SwarmConfig(particles=192, iterations=40)
 
 @dataclass(frozen=True)
 class RegisterOptions:
-    """What a user decides about a registration; nothing needs to be.
+    """Options of a registration; all have defaults.
 
     Attributes:
-        search_m: half side of the search square about the prior; None to derive it from the log's own sigma: four sigma
-            plus half a metre, at least 2 m, since a receiver's sigma does not cover the error of the map's labels, and
-            2.5 m where the log states none. Where no place is found, or the best one is at the edge, a square of twice
-            the side is searched as well.
-        window_m: length of the window of scans that is matched as one; 0 for single scans, None for the shortest of
-            the ladder that reaches the risk.
-        risk: largest accepted probability, within a piece of 4 m, that foreign ground would have passed the search.
-        time_scale: travel time in the ground relative to the map's day (wet ground: above 1); None to estimate it along
-            the drive.
+        search_m: half width of the search region around the prior, m; None: four sigma of the log plus 0.5 m, at least
+            2 m (the sigma of a receiver does not cover the error of the map labels), or 2.5 m without a sigma. If no
+            match is found, or the best one is at the edge, a region of twice the width is searched as well.
+        window_m: length of the matched window of travel, m; 0 for single scans, None for the shortest of 0, 1, 2, 4 and
+            8 m that meets the risk.
+        risk: largest accepted probability, per 4 m of travel, that other ground passes the search.
+        time_scale: ratio of two-way travel time in the ground, drive to map (wetter ground: above 1); None to estimate
+            it along the drive.
         height_m, roll_deg, pitch_deg: half widths of the search in height, roll and pitch (0: no pitch). The half width
             in heading follows the prior: three sigma, between one and five degrees.
-        odometer_sigma: relative error of the odometer's scale, which changes with the tyres' load, wear and pressure.
-        own_thresholds: calibrated on the user's own drives, in place of the map's chance and the risk.
-        swarm: refine by a swarm of this size around each candidate; without it by Gauss-Newton.
-        search_swarm: search by swarms of at most this size, begun anywhere in the region, in all five dimensions,
-            instead of over the lattice of all places: for comparison, and much slower.
-        seed: of the swarms.
-        track: decide as a vehicle does: at each stop, by what lies behind it, for the drive log of a run; headings are
-            those of a filter that these fixes correct. Otherwise metres are judged again by what the next ones tell.
+        odometer_sigma: relative error of the odometer scale, which varies with load, wear and pressure of the tyres.
+        own_thresholds: acceptance thresholds calibrated on drives, in place of noise floor and risk.
+        swarm: refinement by a particle swarm of this size around each candidate; None: Gauss-Newton.
+        search_swarm: search by particle swarms of at most this size over five dimensions, instead of all positions of
+            the region: an independent check, slower.
+        seed: random seed of the swarms.
+        track: causal registration, as on board: each fix uses earlier scans only, headings come from a filter that the
+            fixes correct. False: later scans also decide on earlier fixes.
     """
 
     search_m: float | None = None

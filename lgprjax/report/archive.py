@@ -61,19 +61,19 @@ def write_archive_page(path: str | Path, page: ArchivePage, *, force: bool = Fal
         InputError: the file exists (without ``force``) or cannot be written.
     """
     places = ReportTable(
-        _PLACES, page.places, "The drive is the one with the worst result there, at this time_s of its fixes."
+        _PLACES, page.places, "The drive with the worst result in this cell, at this time_s of its fixes."
     )
     drives = ReportTable(_DRIVES, page.drives, "Wrong: error above 0.3 m. All drives are in archive.csv.")
-    workers = ReportTable(_WORKERS, page.workers, "Processes that made the results kept here.")
+    workers = ReportTable(_WORKERS, page.workers, "Processes that made these results.")
     failed = ReportTable(("drive", "why"), page.failed)
-    none = "No scan was searched." if page.plan is None else "No place with a scan that lacks a correct fix."
+    none = "No scan was searched." if page.plan is None else "No cell with a scan without a correct fix."
     sections = [
         Section("All drives", "", (ReportTable(("quantity", "value"), page.facts),), _figures(page.spread)),
         Section("Worst places", "" if page.places else none, (places,) if page.places else (), _figures(page.plan)),
         Section("Worst drives", "", (drives,)),
     ]
     if page.failed:
-        sections.insert(0, Section("Drives that failed", "A later run retries them.", (failed,)))
+        sections.insert(0, Section("Drives that failed", "A later run tries them again.", (failed,)))
     sections.append(Section("Workers", "", (workers,)))
     write_report(path, page.title, page.intro, sections, force)
 
@@ -121,7 +121,7 @@ def draw_archive_drives(drives: ArchiveDrives, path: str | Path, *, force: bool 
         took_ms = _finite(drives.milliseconds_per_scan)
         top_ms = 2.0 * float(np.percentile(took_ms, 90.0)) if len(took_ms) else 1.0
         times.hist(np.minimum(took_ms, top_ms), bins=_BINS, range=(0.0, top_ms), color=MUTED)
-        times.set_xlabel("time a scan (ms)")
+        times.set_xlabel("time per scan (ms)")
         for axes in (share, errors, times):
             axes.set_ylabel("drives")
             axes.yaxis.get_major_locator().set_params(integer=True)
@@ -129,8 +129,8 @@ def draw_archive_drives(drives: ArchiveDrives, path: str | Path, *, force: bool 
         figure.suptitle(f"{len(drives.ok_share)} drives on {drives.name}")
         write_caption(
             figure,
-            "Errors are those of the ok fixes, root mean square over a drive, in the map's frame; where known. "
-            "Values beyond an axis are in its last bar.",
+            "Errors: root mean square of the ok fixes of a drive in the map's frame, where true poses are known. "
+            "The last bar of an axis includes all larger values.",
         )
 
 
@@ -138,7 +138,7 @@ def _draw_errors(axes: Axes, drives: ArchiveDrives) -> None:
     cross, along = _finite(drives.rms_cross_m), _finite(drives.rms_along_m)
     axes.set_xlabel("RMS error (m)")
     if not len(cross):
-        axes.text(0.5, 0.5, "no truth is known", transform=axes.transAxes, ha="center", color=MUTED)
+        axes.text(0.5, 0.5, "true poses unknown", transform=axes.transAxes, ha="center", color=MUTED)
         return
     top = max(float(np.percentile(np.concatenate([cross, along]), 99.0)), 0.02) * 1.2
     for values, colour, label in ((cross, BLUE, "across"), (along, ORANGE, "along")):
@@ -229,7 +229,7 @@ def draw_archive_places(places: ArchivePlaces, path: str | Path, *, force: bool 
         write_caption(
             figure,
             f"Cells of {cell_m:g} m; grey: no drive. Thin lines: the map's baselines. Numbered: the worst, "
-            "as in the table. A scan counts where its truth is, or its ok fix, or its prior.",
+            "as in the table. A scan counts at its true position, else at its ok fix, else at its prior.",
         )
 
 

@@ -29,21 +29,21 @@ from lgprjax.report.style import (
 )
 
 _LINE = "_" * 24
-_WORKED = "It states where the tool was, switched on, turning and at its depth."
+_WORKED = "It states where the tool was switched on, turning and at its depth."
 _PASSED = (
-    "It states where the tool was. Of one run at least nobody measured whether it was switched on, turning and at its "
-    "depth there."
+    "It states where the tool was. In at least one run it was not measured whether the tool was switched on, turning "
+    "and at its depth."
 )
-_LIMITS = """This is the record of a machine, not a clearance certificate. {stated} It does not say that the ground
-holds no hazard: that takes a search after the machine and the decision of the authority in charge.
+_LIMITS = """This is the record of a machine, not a clearance certificate. {stated} It does not state that the ground
+is free of hazards: this requires a search after processing and the decision of the authority in charge.
 
-Probabilities follow from the position's uncertainty as estimated by the filter on board, and from what control points
-say of the error that all positions share, or what is assumed of it where none was measured (see The work). They hold if
-receiver, reference station and the measures in the vehicle file are no worse than that. A cell has the probability of
-its best pass; passes are never multiplied, since their errors are related.
+Probabilities follow from the position uncertainty that the onboard filter estimates, and from the common position error
+that control points show. Without control points an assumed error is used (see The work). Probabilities hold if
+receiver, reference station and the dimensions in the vehicle file are at least that accurate. A cell has the
+probability of its best pass; probabilities of passes are not combined, because their errors are correlated.
 
-Depth is that of the tool against the ground as the machine measured it. Ground with stones, roots, slopes or soil that
-the tool was not proven on must be judged by someone who knows the ground."""
+Depth is the tool depth below ground as the machine measured it. Ground with stones, roots, slopes or soil for which
+the tool is not proven needs an assessment by a person who knows the ground."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,17 +91,17 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
     layers = ReportTable(
         ("confidence", "processed", "uncertain", "not processed", "processed, of the field"),
         page.layers,
-        "Areas of the cells whose centre is inside the perimeter.",
+        "Areas of cells with their centre inside the perimeter.",
     )
     facts = ReportTable(("quantity", "value"), page.facts)
     stops = ReportTable(("run", "begin (UTC)", "lasted", "why"), page.stops)
-    passes = ReportTable(page.passes_header, page.passes, "Depth and speed as measured while cells counted.")
+    passes = ReportTable(page.passes_header, page.passes, "Depth and speed measured while cells were counted.")
     points = ReportTable(("point", "latitude deg", "longitude deg"), page.turning_points, "WGS 84.")
-    hashes = ReportTable(("file", "SHA-256"), page.hashes, "Anyone with the files can recompute these.")
+    hashes = ReportTable(("file", "SHA-256"), page.hashes, "Recompute these values from the files to verify them.")
     signatures = ReportTable(
         ("for", "name", "date", "signature"),
         tuple((role, _LINE, _LINE, _LINE) for role in ("operator", "team leader", "quality control")),
-        "By signing, the record is accepted as that of the machine's work, no more.",
+        "The signature accepts this page as the record of the machine's work only.",
     )
     finds = ReportTable(
         ("kind", "time (UTC)", "latitude deg", "longitude deg", "note"), page.finds, "As reported with the evidence."
@@ -109,9 +109,9 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
     control = ReportTable(
         ("mark", "when", "run", "east cm", "north cm"),
         page.control_points,
-        "Measured less known. The mean is not corrected; it is added to sigma.",
+        "Measured minus known position. The mean is not corrected; it is added to sigma.",
     )
-    unchecked = "No control point was measured: nothing checks the base."
+    unchecked = "No control point was measured: the base position is not verified."
     sections = (
         Section("What was processed", "\n\n".join(page.sentences), (layers,), page.figures[:1]),
         Section("What this record does not say", _LIMITS.format(stated=_WORKED if page.measured else _PASSED)),
@@ -186,7 +186,7 @@ def draw_coverage(cover: CoverPicture, path: str | Path, *, force: bool = False)
     with picture(path, _WIDTH_IN, height_in, force) as figure:
         axes = figure.subplots()
         draw_coverage_on(axes, cover)
-        figure.suptitle(f"{cover.name}: what the machine processed")
+        figure.suptitle(f"{cover.name}: ground processed by the machine")
         write_caption(
             figure,
             "North is up. Each cell has the probability of its best pass. White lines: tracks of the tool's centre; "
@@ -386,12 +386,11 @@ def draw_cover_channels(channels: CoverChannelsPicture, path: str | Path, *, for
             sigma.yaxis.set_minor_formatter(NullFormatter())
         _shade(sigma, minutes, ~channels.fixed, MUTED, 0.25)
         sigma.set_xlabel("minutes of recording")
-        figure.suptitle("Measured while working")
+        figure.suptitle("Measured values during work")
         write_caption(
             figure,
-            "Coloured: cells counted (tool switched on, turning, at its depth, heading known); light grey: "
-            "they did not. "
-            "Orange: a reason to stop. Grey, below: no fixed GNSS position. Sigma: of the filter on board, "
+            "Coloured: cells counted (tool switched on, turning, at its depth, heading known). Light grey: cells not "
+            "counted. Orange: a reason to stop. Grey, below: no fixed GNSS position. Sigma: from the onboard filter, "
             "along the worse axis.",
         )
 

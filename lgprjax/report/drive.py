@@ -114,7 +114,7 @@ def draw_plan(
     judged, blind = result.ok & known, result.ok & ~known
     if blind.any():
         place = frame(result.east_m[blind], result.north_m[blind])
-        axes.plot(*place, "o", color=MUTED, markersize=4, mew=0.0, label="ok fixes, no truth", zorder=4)
+        axes.plot(*place, "o", color=MUTED, markersize=4, mew=0.0, label="ok fixes, true pose unknown", zorder=4)
     fixes = frame(result.east_m[judged], result.north_m[judged])
     points = axes.scatter(
         *fixes, c=error_m[judged], s=16, cmap=ERROR_MAP, vmin=-limit_m, vmax=limit_m, linewidth=0, zorder=4
@@ -207,11 +207,11 @@ def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = Fals
         figure.align_ylabels([plan, *panels])
 
         _set_title(figure, result)
-        notes = [] if result.has_truth else ["No truth: differences from the prior are drawn, not errors."]
+        notes = [] if result.has_truth else ["True poses unknown: differences from the prior, not errors."]
         blind = int((result.ok & ~np.isfinite(errors.cross_m)).sum())
         if blind:
-            notes.append(f"No truth is known for {blind} of the ok fixes, whose errors are not drawn.")
-        notes.append("Shaded: tried, but no ok fix.")
+            notes.append(f"The true pose of {blind} ok fixes is unknown; their errors are not drawn.")
+        notes.append("Shaded: tried scans without an ok fix.")
         if result.gnss_gap is not None and result.gnss_gap.any():
             notes.append("Hatched at the bottom: GNSS/INS silent for a second, or its sigma three times its best.")
         # Twice, because the caption states a stretch that its own height changes.
@@ -231,7 +231,7 @@ def _draw_error(
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
     shown = error_m[result.ok]
     if not np.isfinite(shown).any():
-        text = "no truth is known for the ok fixes" if len(shown) else "no ok fix"
+        text = "true poses of the ok fixes unknown" if len(shown) else "no ok fix"
         axes.set_ylim(-1.0, 1.0)
         axes.text(0.5, 0.72, text, transform=axes.transAxes, ha="center", va="center", color=MUTED, fontsize=12)
         return
@@ -528,7 +528,7 @@ def draw_confidence(stated: StatedErrors, path: str | Path, *, force: bool = Fal
         InputError: the file exists (without ``force``) or cannot be written.
     """
     declined, tried = int((~stated.ok).sum()), len(stated.ok)
-    share = f"{100.0 * declined / tried:.1f} % of {tried} tried fixes declined" if tried else "no truth known"
+    share = f"{100.0 * declined / tried:.1f} % of {tried} tried fixes declined" if tried else "true pose unknown"
     with picture(path, 12.5, 5.0, force) as figure:
         reliability, by_evidence, by_risk = figure.subplots(1, 3)
         _draw_reliability(reliability, stated)
@@ -537,14 +537,14 @@ def draw_confidence(stated: StatedErrors, path: str | Path, *, force: bool = Fal
         figure.suptitle(f"{stated.name or 'No drive'}: {share}")
         write_caption(
             figure,
-            "Left: ok fixes in bins of equal number, root mean square error of each over the stated sigma; "
-            "bars: 95 % if errors were independent, which they are not within a drive. Right: in addition to "
+            "Left: ok fixes in bins of equal number; root mean square error over stated sigma; bars: 95 % for "
+            "independent errors (errors within a drive are correlated). Right: a required evidence in addition to "
             f"the codes; wrong: error above {WRONG_M:g} m.",
         )
 
 
 def _draw_reliability(axes: Axes, stated: StatedErrors) -> None:
-    axes.set_title("stated against true")
+    axes.set_title("stated and true error")
     rows = (
         ("along", stated.along_m, stated.sigma_along_m, BLUE, "o"),
         ("cross", stated.cross_m, stated.sigma_cross_m, ORANGE, "s"),
@@ -622,7 +622,7 @@ def _draw_distribution(
 
 
 def _draw_by_risk(axes: Axes, stated: StatedErrors) -> None:
-    axes.set_title("what a smaller risk would cost")
+    axes.set_title("fixes lost at a smaller risk")
     total_m, tried = stated.total_m, len(stated.ok)
     held = stated.ok & np.isfinite(total_m) & np.isfinite(stated.evidence)
     if not held.any():
@@ -637,7 +637,7 @@ def _draw_by_risk(axes: Axes, stated: StatedErrors) -> None:
         least, 100.0 * (1.0 - kept / tried), color=BLUE, lw=2.0, drawstyle="steps-pre", label="declined, of all tried"
     )
     shares = 100.0 * left_wrong / np.maximum(kept, 1)
-    label = f"wrong, of those left: {len(wrong)} as it is"
+    label = f"wrong, of the accepted: {len(wrong)} now"
     axes.plot(least, shares, color=VERMILLION, lw=2.0, linestyle="--", drawstyle="steps-pre", label=label)
     axes.axvline(evidence[0], color=FAINT, linewidth=1.0, zorder=0)
     axes.set_ylim(-1.0, 101.0)

@@ -72,7 +72,7 @@ def handover_files(
     outputs = tuple(folder / f"{stem}{suffix}" for suffix in _SUFFIXES)
     for output in outputs:
         if output.exists() and not force:
-            raise InputError(output, "output", "a new file, or --force", "one that exists")
+            raise InputError(output, "output", "a new file, or --force", "an existing file")
     return outputs
 
 

@@ -78,9 +78,9 @@ def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Se
 PAGE = "-scans.html"
 """End of the name of a drive's page of scans, beside the report."""
 _AT_TRUTH = (
-    "Correlation at the truth: that of the scan at its true pose, where no search was needed. Fixes reach it, and a "
-    "little more, as they fit the noise too. Fixes far below it were not found; a low one at the truth says that the "
-    "ground or the radar has changed since the map, or that the map's labels are off."
+    "Correlation at the truth: correlation of the scan at its true pose, without a search. Fixes reach it, and a "
+    "little more, because they also fit the noise. A fix far below it missed the true pose. A low value means that the "
+    "ground or the radar has changed since the map, or that map labels are wrong."
 )
 
 
@@ -88,14 +88,14 @@ def drive_section(summary: DriveSummary, figures: Sequence[ReportFigure]) -> Sec
     """The section of one drive: result in words, figures, pictures."""
     if summary.impostor:
         text = (
-            "This drive was recorded over ground that is not the map's. Every fix called ok would be wrong; "
-            f"{summary.ok} of {summary.tried} tried scans were."
+            "This drive was recorded over different ground from the map. Every ok fix is wrong; "
+            f"{summary.ok} of {summary.tried} tried scans have one."
         )
     elif not summary.ok:
         text = f"None of {summary.tried} tried scans has an ok fix: this drive has no position from the map."
     elif summary.wrong_ok is None:
         text = (
-            f"{summary.ok} of {summary.tried} tried scans have an ok fix. No truth is known for them, so no error is "
+            f"{summary.ok} of {summary.tried} tried scans have an ok fix. The true poses are unknown, so no error is "
             "stated."
         )
     else:
@@ -105,7 +105,7 @@ def drive_section(summary: DriveSummary, figures: Sequence[ReportFigure]) -> Sec
         )
     table = ReportTable(("quantity", "value"), tuple(summary.as_rows()), _AT_TRUTH if summary.judged else "")
     text = "\n\n".join([text, *(f"{remark[:1].upper()}{remark[1:].rstrip('.')}." for remark in summary.remarks)])
-    beside = f"{summary.name}{PAGE}", "Scan by scan: a page that can be zoomed, with the numbers of every scan"
+    beside = f"{summary.name}{PAGE}", "Zoomable page with the values of every scan"
     return Section(f"{summary.name} on {summary.map_name}", text, (table,), tuple(figures), beside)
 
 
@@ -226,44 +226,44 @@ class Decline(NamedTuple):
 
 
 _PLACE_ASSUMED = (
-    "The place on the earth of the drive, or of the map, is unknown: import it again with --latitude-deg, "
+    "The geographic position of the drive or the map is unknown: import it again with --latitude-deg, "
     "--longitude-deg "
     "and --heading-deg"
 )
 DECLINES = {
     "low_correlation": Decline(
-        "no place in the search region matches better than other ground would",
-        "a recording shorter than some metres: no action, there is too little travel to be certain. Else: is the "
-        "drive over the map's ground, and its position correct to within the search region (--search-m)? Leave "
+        "no position in the search region matches better than unrelated ground",
+        "recordings of a few metres: no action, they are too short. Otherwise check that the "
+        "drive is over the mapped ground and its position error is smaller than --search-m. Leave "
         "--window-m and "
         "--time-scale at their defaults; lgprjax check --health examines the recording",
     ),
     "ambiguous": Decline(
-        "another place in the region matches about as well",
-        "ground that repeats itself: allow longer windows (no --window-m), or a smaller --search-m if the position "
-        "allows it; lgprjax map verify shows where the map resembles itself",
+        "another position in the search region matches about as well",
+        "repetitive ground: allow longer windows (no --window-m), or a smaller --search-m if the position "
+        "allows it; lgprjax map verify shows repetitive parts of the map",
     ),
     "edge": Decline(
-        "the best place is at the edge of the search region, or where the map ends",
-        "a larger --search-m if the position in the log is wrong by more than its sigma; where the map ends, "
-        "more lines next to it: ground beyond a map resembles its outermost line",
+        "the best match is at the edge of the search region or of the map",
+        "use a larger --search-m if the log's position error exceeds its sigma; at the end of the map, "
+        "record more lines there: unmapped ground resembles the outermost line",
     ),
     "off_map": Decline(
-        "no map below the array anywhere in the region",
-        "the drive has left the map, or its position is wrong by more than the region; lgprjax map info shows "
-        "what the map covers",
+        "no mapped ground under the array in the whole search region",
+        "the drive has left the map, or its position error exceeds the search region; lgprjax map info shows "
+        "the area of the map",
     ),
     "low_overlap": Decline(
         "less than 0.6 of the array is over mapped ground",
         "the drive is next to the mapped track: drive closer to it, or add this track with lgprjax map update",
     ),
     "non_finite": Decline(
-        "less than 0.6 of the traces hold finite data",
+        "less than 0.6 of the traces have finite data",
         "lgprjax check --health lists dead channels and lost scans",
     ),
     "no_window": Decline(
-        "too little travel yet for a window: at the start, and after travel was lost",
-        "no action, if it is few scans; else a shorter --window-m, or none",
+        "too little travel for a window (at the start and after lost odometry)",
+        "no action for a few scans; otherwise a shorter --window-m, or none",
     ),
 }
 
@@ -298,7 +298,7 @@ def _decline(code: str, summary: DriveSummary) -> Decline:
     """A code in words for one drive."""
     words = DECLINES[code]
     if code in _BESIDE and summary.median_off_line_m is not None:
-        away = f"by the log's positions the scans are {summary.median_off_line_m:.2f} m (median) from the nearest line"
+        away = f"the log places the scans {summary.median_off_line_m:.2f} m (median) from the nearest line"
         return words._replace(action=f"{away} of the map. {words.action[:1].upper()}{words.action[1:]}")
     if code != "off_map" or not summary.place_assumed:
         return words

@@ -83,7 +83,7 @@ def draw_loop(detail: Any, path: Path, force: bool = False) -> None:
         axes[0].axhline(0.5, color=MUTED, linewidth=0.8)
         axes[0].set_ylim(0.0, 1.05)
         axes[0].set_ylabel("share left")
-        axes[0].set_title("uncertainty left, as a share of that before the drives; hatched: not determined by them")
+        axes[0].set_title("remaining uncertainty as a share of the prior; hatched: not determined by the drives")
         for ax, one in zip(axes[1:], shown, strict=True):
             ax.axhline(0.0, color=MUTED, linewidth=0.8)
             ax.plot(one.time_s, one.driven_m, color=BLUE, linewidth=1.4, label="driven")
@@ -93,7 +93,7 @@ def draw_loop(detail: Any, path: Path, force: bool = False) -> None:
             _legend_above(ax)
         if shown:
             axes[-1].set_xlabel("time (s)")
-        write_caption(figure, "The rollout begins where the autopilot began to steer, with the numbers of the fit.")
+        write_caption(figure, "The rollout begins where the autopilot began to steer, with the fitted parameters.")
 
 
 def draw_logged_look_ahead(detail: Any, path: Path, force: bool = False) -> None:
@@ -128,5 +128,5 @@ def draw_logged_look_ahead(detail: Any, path: Path, force: bool = False) -> None
         right.set_yticks(range(len(names)), [textwrap.fill(name, _LABEL_CHARACTERS) for name in names])
         right.invert_yaxis()
         right.set_xlabel("narrows the interval by (%)")
-        right.set_title("what to drive next")
-        write_caption(figure, "Dots and bars: the best at full torque of 95 % of the vehicles that the logs allow.")
+        right.set_title("recommended next drives")
+        write_caption(figure, "Dots and bars: best at full torque, 95 % of the vehicles that the logs allow.")

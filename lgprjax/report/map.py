@@ -102,9 +102,9 @@ def draw_map_strips(strips: MapStrips, path: str | Path, *, force: bool = False)
         figure.suptitle(f"Map {strips.name} along its route", x=0.01, ha="left")
         write_caption(
             figure,
-            "Dashed: limits. Shaded: stretches that fall short. Repeats: correlation of the stations with those an "
-            "eighth of a wavelength farther. Rival: strongest other place within the search region, over the "
-            "match of the place with itself. Offsets: place of a baseline on the ground of the others, minus "
+            "Dashed: limits. Shaded: stretches below the limit. Repeats: correlation of the stations with those an "
+            "eighth of a wavelength farther. Rival: strongest other position within the search region, over the "
+            "match of the position with itself. Offsets: matched position of a baseline on the other baselines, minus "
             "its label.",
         )
 
@@ -271,7 +271,7 @@ def draw_passes(ground: MapPasses, path: str | Path, *, force: bool = False) -> 
         below.set_xlim(low - _MARGIN * (high - low), high)
         below.set_ylim(*_rows_in_sight(ground))
         below.set_xlabel("along the route (m)")
-        holes = f"{int(ground.hole.any(axis=1).sum())} of {len(ground.at_m)} places with a hole"
+        holes = f"{int(ground.hole.any(axis=1).sum())} of {len(ground.at_m)} positions with a hole"
         figure.suptitle(f"Map {ground.name}: {holes}")
         write_caption(figure, " ".join([*_notes(ground), f"Ages to {ground.today}."]))
 
@@ -293,9 +293,9 @@ def _notes(ground: MapPasses) -> list[str]:
     if ground.hole.any():
         notes.append("Hatched, and marked above: holes under the route's array.")
     if ground.half_like_m is not None:
-        notes.append("Bar: distance across at which the correlation of the ground's signal has halved.")
+        notes.append("Bar: cross-track distance at which the correlation of the ground signal is half.")
     if not np.isfinite(ground.age_days[ground.passes > 0]).all():
-        notes.append("Grey: the map has no date for that ground.")
+        notes.append("Grey: no date in the map.")
     return notes
 
 

@@ -66,10 +66,10 @@ def draw_match(example: MatchExample, path: str | Path, *, force: bool = False) 
         )
         caption = (
             f"Gain: {example.gain}; the same for all panels. Grey limits: 0 ± the {_LIMIT_PERCENTILE:.0f}th percentile "
-            "of map and live amplitudes. r over a difference is this channel's alone, over the strip shown."
+            "of map and live amplitudes. r above a difference: correlation of this channel over the strip."
         )
         if example.window_m is not None:
-            caption += " Box: the scans that the fix was made from."
+            caption += " Box: scans of the fix."
         # Twice, because the caption states a stretch that its own height changes.
         for _ in range(2):
             factor = exaggeration(grid[0, 0]) * 2.0 / example.wave_speed_m_per_ns
@@ -193,16 +193,19 @@ def draw_swarm(swarm: SwarmPicture, path: str | Path, *, force: bool = False) ->
         for axis, (axes, label) in enumerate(zip(spreads, _OFFSETS, strict=True)):
             _draw_spread(axes, swarm.offset[..., axis], swarm.best_offset[:, axis], label)
         _draw_scores(scores, swarm, moments)
-        above.suptitle(
-            f"Swarm of {particles} particles, {iterations} iterations: {particles * (iterations + 1)} evaluations; "
-            f"{swarm.milliseconds:.3g} ms a scan"
+        evaluations = particles * (iterations + 1)
+        took = f"; {swarm.milliseconds:.3g} ms per scan" if np.isfinite(swarm.milliseconds) else ""
+        above.suptitle(f"Swarm of {particles} particles, {iterations} iterations: {evaluations} evaluations{took}")
+        miss = (
+            ""
+            if swarm.truth is None
+            else f" Error of the best position: {np.hypot(*(swarm.best_m[-1] - swarm.truth)):.3f} m."
         )
-        miss = "" if swarm.truth is None else f" Best to truth: {np.hypot(*(swarm.best_m[-1] - swarm.truth)):.3f} m."
         write_caption(
             figure,
-            f"Metres relative to {swarm.origin}. Colours: the score over position, with the rest of the pose as "
-            "the swarm left it, in which the particles differ too. Height, heading and roll: less the log's; bands "
-            f"hold 80 % and all of the particles. The time is that of the whole registration.{miss}",
+            f"Metres relative to {swarm.origin}. Colours: score over position at the swarm's final height, heading "
+            "and roll; particles differ in these as well. Height, heading and roll: minus the log's values; bands hold "
+            f"80 % and all of the particles. The time is for the whole registration.{miss}",
         )
 
 
@@ -260,7 +263,7 @@ def _draw_scores(axes: Axes, swarm: SwarmPicture, moments: list[int]) -> None:
     for values, colour, style, label in ((best, BLUE, "-", "best"), (middle, ORANGE, "--", "median")):
         axes.plot(iteration, np.where(np.isfinite(values), values, np.nan), style, color=colour, lw=2.0, label=label)
     if not known.any():
-        axes.text(0.5, 0.5, "no particle met the map", transform=axes.transAxes, ha="center", va="center", color=INK)
+        axes.text(0.5, 0.5, "no particle is on the map", transform=axes.transAxes, ha="center", va="center", color=INK)
     axes.set_xlim(-0.02 * max(len(known) - 1, 1), max(1.02 * (len(known) - 1), 1.0))
     axes.set_xlabel("iteration (dotted: the clouds above)")
     axes.set_title("best score found by a particle")
@@ -307,12 +310,16 @@ def draw_surface(surface: CorrelationSurface, path: str | Path, *, force: bool =
         axes.set_xlabel(f"{surface.axes[0]} (m)")
         axes.set_ylabel(f"{surface.axes[1]} (m)")
         highest = surface.correlation[np.isfinite(surface.correlation)]
-        peak = f"highest {highest.max():.3f}" if highest.size else "all of it off the map"
+        peak = f"highest {highest.max():.3f}" if highest.size else "all outside the map"
         if surface.at_best is not None:
             peak = f"{surface.at_best:.3f} at the fix"
         figure.suptitle(f"Correlation over position: {peak}")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, facecolor="#b8b8b8", framealpha=1.0)
-        miss = "" if surface.truth is None else f" Best to truth: {math.dist(surface.best, surface.truth):.3f} m."
+        miss = (
+            ""
+            if surface.truth is None
+            else f" Error of the best position: {math.dist(surface.best, surface.truth):.3f} m."
+        )
         write_caption(
             figure,
             f"Metres relative to {surface.origin}. Heading, roll and height are the fix's. Ellipses: prior, 1 and 3 "

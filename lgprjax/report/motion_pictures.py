@@ -240,7 +240,7 @@ def draw_rear_ratio_angles(
         x_label="front wheel angle (degrees)",
         y_label="rear wheel angle (degrees)",
         residual_label="residual (degrees)",
-        caption="Both measured; a robust line. Points that bend away from it call for a map instead of k.",
+        caption="Both measured; a robust line. Systematic deviations from the line require a rear map instead of k.",
         force=force,
     )
 

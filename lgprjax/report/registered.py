@@ -20,11 +20,10 @@ from lgprjax.report.results import CorrelationSurface, DriveResult, MatchExample
 from lgprjax.report.summary import CodedDrive, DriveSummary, draw_codes, summarise, summary_of
 from lgprjax.report.zoom_page import write_drive_page
 
-_OWN = "the map was made of this very drive: that it is found there says nothing of accuracy"
+_OWN = "the map was made from this drive: its fixes do not show the accuracy"
 _LONE = (
-    "one channel on a map of one channel: fixes locate the drive along the line. The ground next to the line "
-    "resembles that on it, so that across it they only show that the drive is near, and the cross-track sigma "
-    "is a bound"
+    "one channel on a map of one channel: fixes locate the drive along the line. Ground next to the line resembles "
+    "ground on the line. Across the line, fixes show only that the drive is near; the cross-track sigma is a bound"
 )
 _WRONG_SIGMAS = 2.0  # between ground and log
 _ANGLES = ("yaw", "roll")
@@ -34,12 +33,12 @@ _PICTURES = {
     "-trajectory.png": ("Trajectory and errors along the drive.", "plan view above error curves"),
     "-confidence.png": (
         "Reliability of the fixes' sigmas, and the cost of a smaller risk.",
-        "true error over stated sigma, error distributions by evidence, share declined over evidence",
+        "true error over stated sigma, error distributions by evidence, declined share over evidence",
     ),
     "-match.png": ("The ground of one scan, live and in the map.", "radargram strips"),
-    "-map.png": ("Match of that scan over the search region.", "correlation map"),
+    "-map.png": ("Correlation of the same scan over the search region.", "correlation map"),
     "-swarm.png": (
-        "The swarm of that scan, run again.",
+        "The particle swarm of the same scan, run again.",
         "clouds of particles over the score; height, heading, roll and score over the iterations",
     ),
 }
@@ -196,7 +195,7 @@ def search_in_words(settings: Mapping[str, object]) -> str:
     search_m, window_m, scale = settings["search_m"], settings["window_m"], settings["time_scale"]
     lengths = ", ".join(f"{length:g}" for length in LADDER_M[1:])
     region = "within the position uncertainty stated by the log (2.5 m if it states none)"
-    windows = f"the shortest window that reaches the risk, of a single scan, {lengths} m"
+    windows = f"the shortest window that reaches the risk, for a single scan, {lengths} m"
     parts = [
         f"Search: {region if search_m is None else f'{search_m:g} m to each side of the prior'}",
         windows if window_m is None else f"windows of {window_m:g} m" if window_m else "single scans",
@@ -206,7 +205,7 @@ def search_in_words(settings: Mapping[str, object]) -> str:
     risk = settings.get("risk")
     judged = "fixed thresholds" if risk is None else f"risk {risk:g} in each {PIECE_M:g} m of travel"
     # Nor have they swarms.
-    swarms = (("search_swarm", "places searched by a particle swarm"), ("swarm", "finished by a particle swarm"))
+    swarms = (("search_swarm", "positions searched by a particle swarm"), ("swarm", "refined by a particle swarm"))
     parts += [words for name, words in swarms if settings.get(name)]
     return "; ".join([*parts, "user thresholds" if settings["own_thresholds"] else judged]) + "."
 
@@ -228,7 +227,7 @@ def earlier_summaries(folder: Path, names: Sequence[str]) -> list[DriveSummary]:
         told = [summary_of(entry) for entry in json.loads(path.read_text(encoding="utf-8"))]
     except (OSError, ValueError, TypeError, KeyError):
         expected = "the summary of an earlier registration, or another folder"
-        raise InputError(path, "content", expected, "a file that is none") from None
+        raise InputError(path, "content", expected, "another file") from None
     return [each for each in told if each.name not in names and (folder / f"{each.name}{_FIXES}").is_file()]
 
 
@@ -276,9 +275,9 @@ def write_page(results: Sequence[Registered], folder: Path, title: str, *, intro
     )
     figure = ReportFigure(
         codes,
-        "Evidence of all tried scans with the accepted risk, margin over the runner-up, and the codes. A "
-        "decade of evidence is a tenth of the probability that foreign ground matches as well.",
-        "histograms of evidence and margin, bar of codes, one row a drive",
+        "Evidence, accepted risk, margin over the runner-up, and codes of all tried scans. One decade of evidence is "
+        "a tenfold smaller probability that foreign ground matches as well.",
+        "histograms of evidence and margin, bar of codes, one row per drive",
     )
     tables = [table for table in (overview_table(summaries), declines_table(summaries)) if table is not None]
     overview = Section("All drives", "", tuple(tables), (figure,))
@@ -382,7 +381,7 @@ def _attitude(drive: RegisteredDrive) -> str | None:
     ok = drive.table["code"].to_numpy() == "ok"
     if drive.channels <= FEW_CHANNELS:
         few = f"an array of {drive.channels} channels" if drive.channels > 1 else "a single channel"
-        return f"heading and roll are those of the log: {few} cannot check them"
+        return f"heading and roll come from the log: {few} cannot check them"
     if not ok.any():
         return None
     off = np.asarray(drive.fix.pose)[ok, 2:] - drive.track.pose[ok, 2:]
@@ -394,7 +393,7 @@ def _attitude(drive: RegisteredDrive) -> str | None:
         *(f"{n} {np.degrees(v):+.1f} deg" for n, v in zip(_ANGLES, middle[1:], strict=True)),
     )
     said = [text for text, apart in zip(named, wrong, strict=True) if apart]
-    return f"the ground contradicts the log (median of fix less log): {', '.join(said)}" if said else None
+    return f"the fixes contradict the log (median of fix minus log): {', '.join(said)}" if said else None
 
 
 def _along(drive: RegisteredDrive) -> str | None:
@@ -408,8 +407,8 @@ def _along(drive: RegisteredDrive) -> str | None:
     if not flat.any():
         return None
     return (
-        f"{flat.sum()} scans declined where the ground hardly changes along the way (flat layers): the match leaves "
-        f"their place along it open (sigma above {WRONG_M:g} m)"
+        f"{flat.sum()} scans declined where the ground hardly changes along the path (flat layers): the match does not "
+        f"determine their position along it (sigma above {WRONG_M:g} m)"
     )
 
 

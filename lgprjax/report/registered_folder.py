@@ -80,7 +80,7 @@ def facts_of(sums: ArchiveSums) -> list[tuple[str, str]]:
         ("ok", f"{sums.counts['ok']} ({_percent(sums.counts['ok'], sums.tried)} of the searched)"),
         ("declined", declined or "none"),
         *(errors if sums.judged else ()),
-        ("time a scan, median drive", _number(sums.milliseconds_per_scan, 2, " ms")),
+        ("time per scan, median drive", _number(sums.milliseconds_per_scan, 2, " ms")),
     ]
 
 
@@ -89,7 +89,7 @@ def _intro(records: Sequence[JobRecord]) -> str:
     if not told:
         return "No drive could be registered."
     how = told.pop() if len(told) == 1 else f"Registered with {len(told)} different searches: see archive.csv."
-    return f"Every fix is a line of NAME.fixes.csv; every drive is a line of archive.csv.\n\n{how}"
+    return f"NAME.fixes.csv has one line per fix; archive.csv has one line per drive.\n\n{how}"
 
 
 def _draw(
@@ -103,7 +103,7 @@ def _draw(
     alt = "histograms of availability, error and time, bars of the codes"
     spread = ReportFigure(folder / "spread.png", "Results of the drives.", alt)
     alt = "plan of the map in coloured cells, the worst places numbered"
-    return spread, ReportFigure(folder / "plan.png", "Where drives were located, and where not.", alt)
+    return spread, ReportFigure(folder / "plan.png", "Located share of scans by position.", alt)
 
 
 def _drives(records: Sequence[JobRecord], sums: ArchiveSums, name: str) -> ArchiveDrives:

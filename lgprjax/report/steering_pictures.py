@@ -330,7 +330,7 @@ def draw_palm_tree(
         write_caption(
             figure,
             f"Each stretch of constant steering and the arc of its fitted curvature; median distance of a position "
-            f"from its arc {100.0 * np.median(scatter_m):.1f} cm. Stretches left out: {left_out}.",
+            f"from its arc {100.0 * np.median(scatter_m):.1f} cm. Excluded stretches: {left_out}.",
         )
 
 
@@ -402,7 +402,7 @@ def draw_straight(fit: StraightFit, path: str | Path, *, force: bool = False) ->
     used = fit.weight > 0.0
     series = [_window_points(fit, used, "windows of 5 m")]
     if not used.all():
-        series.append(_window_points(fit, ~used, "taken away as outliers"))
+        series.append(_window_points(fit, ~used, "removed as outliers"))
     draw_fitted_curve(
         series,
         Curve("robust line", 1e3 * bend, line, line - half, line + half),
@@ -412,7 +412,7 @@ def draw_straight(fit: StraightFit, path: str | Path, *, force: bool = False) ->
         y_label="potentiometer (V)",
         residual_label="residual (mV)",
         residual_scale=1e3,
-        caption=f"The value is the line's at curvature 0. Windows left out because they turned: {fit.turning}.",
+        caption=f"Result: value of the line at curvature 0. Windows excluded as turns: {fit.turning}.",
         force=force,
     )
 

@@ -76,8 +76,8 @@ class DriveSummary:
         declined = ", ".join(f"{n} {c}" for c, n in self.counts.items() if n and c not in ("ok", "no_window"))
         rows = [
             ("length", _length(self.length_m)),
-            ("scans, of these tried", f"{self.scans}, {self.tried}"),
-            ("ok", f"{self.ok} ({_percent(self.ok_fraction)} of the tried)"),
+            ("scans, of which tried", f"{self.scans}, {self.tried}"),
+            ("ok", f"{self.ok} ({_percent(self.ok_fraction)} of the tried scans)"),
             ("declined", declined or "none"),
             ("ok but wrong (more than 0.3 m off)", _whole(self.wrong_ok)),
             ("median correlation of ok fixes", _number(self.median_correlation_ok)),
@@ -91,7 +91,7 @@ class DriveSummary:
             ("median sigma along-track of ok fixes", _metres(self.median_sigma_along_m)),
             ("median offset of ok fixes from the log's position", _metres(self.median_offset_m)),
             ("median distance of the log's positions from a line of the map", _metres(self.median_off_line_m)),
-            ("time per scan, compiling left out", f"{self.milliseconds_per_scan:.2f} ms"),
+            ("time per scan, without compilation", f"{self.milliseconds_per_scan:.2f} ms"),
         ]
         return [(label, value) for label, value in rows if value != _UNKNOWN]
 
@@ -193,8 +193,8 @@ def overview(summaries: Sequence[DriveSummary]) -> tuple[tuple[str, ...], list[t
 def overview_caption(summaries: Sequence[DriveSummary]) -> str:
     """How the figures of the overview are meant."""
     if any(summary.judged for summary in summaries):
-        return "Errors of the ok fixes, map frame; wrong: error above 0.3 m."
-    return "No errors without a truth. Sigmas and offsets: medians of the ok fixes."
+        return "Errors of the ok fixes in the map frame; wrong: error above 0.3 m."
+    return "True poses unknown: no errors. Sigmas and offsets: medians of the ok fixes."
 
 
 def _median(values: Float[np.ndarray, " any"]) -> float | None:
@@ -301,7 +301,7 @@ def draw_codes(
         grid[-1, 1].set_xlabel("margin over the runner-up")
         grid[-1, 2].set_xlabel("share of the tried scans (%)")
         figure.supylabel("scans")
-        figure.suptitle("Why fixes are accepted or refused")
+        figure.suptitle("Acceptance of fixes: evidence, margin and codes")
         seen = [label for label in CODES[:-1] if any((result.code == label).any() for result in results)]
         handles = [
             Patch(facecolor=CODE_COLOURS[label], edgecolor="white", hatch=CODE_HATCHES[label], label=label)

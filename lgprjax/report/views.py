@@ -34,7 +34,7 @@ def view_of_profile(
         raise InputError(path, "file name", expected, repr(path.name))
     segy = path.suffix.lower() in (".sgy", ".segy")
     if sample_interval_ns is not None and not segy:
-        raise InputError(path, "file name", "SEG-Y, as --sample-interval-ns is given", repr(path.name))
+        raise InputError(path, "file name", "SEG-Y (the only format with --sample-interval-ns)", repr(path.name))
     profile = read_segy(path, sample_interval_ns=sample_interval_ns) if segy else read_profile(path)
     count = profile.channels.shape[1]
     shown = _shown(path, count, channel)
@@ -71,13 +71,13 @@ def view_of_drive(path: Path, *, channel: int | None, raw: bool, speed_m_per_ns:
         # A drive that goes farther in reverse than forward is shown along its way in reverse.
         if -travel_m.min() > travel_m.max():
             travel_m = -travel_m
-            notes.append("The drive goes farthest in reverse: distance is counted that way.")
+            notes.append("The drive goes farther in reverse than forward: distance increases in reverse.")
         along, chosen = even_columns(travel_m)
         in_metres = len(along) > 1
         if in_metres:
             backwards = int(np.count_nonzero(np.diff(np.maximum.accumulate(travel_m)) <= 0))
             if backwards:
-                notes.append(f"{backwards} of {log.scans} scans, taken standing or going back, are skipped.")
+                notes.append(f"{backwards} of {log.scans} scans, at standstill or in the other direction, are skipped.")
             if len(along) < _NEARLY_ALL * (log.scans - backwards):
                 notes.append(f"{len(along)} of {log.scans} scans are drawn.")
         else:

@@ -292,12 +292,12 @@ def _numbers(values: np.ndarray) -> list[float | None]:
 
 
 _HELP = (
-    "Wheel, or + and −: zoom; with Shift along the line only. Drag, or the arrow keys: move. Double click, or 0: "
-    "everything. On a touch screen one finger moves along the line, two fingers zoom and move."
+    "Mouse wheel, or + and −: zoom; with Shift along the line only. Drag, or arrow keys: move. Double click, or 0: "
+    "show everything. Touch screen: one finger moves along the line, two fingers zoom and move."
 )
 _HELP_SCANS = (
-    "Point at a scan, or step from one to the next by n and p: its numbers stand above the picture, and every picture "
-    "rings it."
+    "Point at a scan, or use n and p to step through the scans: its values are shown above the picture, and a ring "
+    "marks it in every picture."
 )
 _STYLE = """
 :root { color-scheme: light dark; --ground: #fff; --ink: #222222; --soft: #595959; --frame: #6b6b6b;

@@ -419,9 +419,11 @@ def check_inside(ground: Ground, antenna_m: Float[np.ndarray, "scan channel 3"],
     low, high = antenna_m[..., 0].min() - reach, antenna_m[..., 0].max() + reach
     if low < -config.margin_m or high > config.length_m + config.margin_m:
         raise ValueError(
-            f"the drive hears [{low:.1f}, {high:.1f}] m along the road, "
+            f"the drive needs ground at [{low:.1f}, {high:.1f}] m along the road, "
             f"the ground ends at [{-config.margin_m:.1f}, {config.length_m + config.margin_m:.1f}]"
         )
     aside = float(np.abs(antenna_m[..., 1]).max()) + reach
     if aside > config.half_width_m:
-        raise ValueError(f"the drive hears {aside:.2f} m to the side, the ground ends at {config.half_width_m:.2f}")
+        raise ValueError(
+            f"the drive needs {aside:.2f} m of ground to the side, the ground ends at {config.half_width_m:.2f}"
+        )

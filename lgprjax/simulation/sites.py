@@ -68,7 +68,7 @@ def refuse_impossible(site: Site, root: TableKey) -> None:
             raise place.refuse(limit, f"{curvature:g}")
     reach = max(abs(site.array.geometry.y_m)) + site.radar.aperture_m
     if reach > site.ground.half_width_m:
-        expected = f"{reach:.2f} or more, what array and antennas hear to the side"
+        expected = f"{reach:.2f} or more (lateral reach of array and antennas)"
         raise root.at("ground").at("half_width_m").refuse(expected, f"{site.ground.half_width_m:g}")
     for number, drive in enumerate(site.drives, 1):
         _check_drive(site, drive, TableKey(root.file, f"drive[{number}]"))
@@ -80,7 +80,7 @@ def _check_radar(site: Site, place: TableKey) -> None:
     if radar.band_mhz[1] > highest:
         raise place.at("band_mhz").refuse(f"at most {highest:.0f} MHz at this sample_step_ns", f"{radar.band_mhz[1]:g}")
     if radar.band_mhz[1] - radar.band_mhz[0] < NOISE_STEP_MHZ:
-        expected = f"a band of {NOISE_STEP_MHZ:g} MHz or more, the step of its noise"
+        expected = f"a band of {NOISE_STEP_MHZ:g} MHz or more (the step of the noise)"
         raise place.at("band_mhz").refuse(expected, f"{radar.band_mhz[1] - radar.band_mhz[0]:g} MHz")
     if 2 * radar.band_edge_mhz > radar.band_mhz[1] - radar.band_mhz[0]:
         expected = f"at most half the band, {0.5 * (radar.band_mhz[1] - radar.band_mhz[0]):g}"
@@ -114,15 +114,17 @@ def _check_drive(site: Site, drive: SiteDrive, place: TableKey) -> None:
     most_m = ground.length_m + ground.margin_m - max(0.0, aperture + ahead_m)
     for key, value in (("start_m", plan.start_m), ("stop_m", plan.stop_m)):
         if not least_m <= value <= most_m:
-            why = f"{least_m:g} to {most_m:g}, where road and ground reach as far as the array hears"
+            why = f"{least_m:g} to {most_m:g}, where road and ground cover the reach of the array"
             raise place.at(key).refuse(why, f"{value:g}")
     half_array_m = float(max(abs(array.geometry.y_m)))
     room_m = ground.half_width_m - half_array_m - aperture - _WANDERS * plan.wander_m
     if room_m < 0:
-        expected = f"less, so that array and antennas ({half_array_m + aperture:.2f} m) hear ground on both sides"
+        expected = (
+            f"less, so that the ground covers the lateral reach of array and antennas, {half_array_m + aperture:.2f} m"
+        )
         raise place.at("wander_m").refuse(expected, f"{plan.wander_m:g}")
     if abs(plan.lane_m) > room_m:
-        why = f"-{room_m:.2f} to {room_m:.2f}, where array and antennas hear ground on both sides"
+        why = f"-{room_m:.2f} to {room_m:.2f}, where the ground covers the lateral reach of array and antennas"
         raise place.at("lane_m").refuse(why, f"{plan.lane_m:g}")
     duration_s = (plan.stop_m - plan.start_m) / plan.speed_mps
     if duration_s * array.scan_rate_hz < 2.0:
@@ -137,7 +139,7 @@ def _check_drive(site: Site, drive: SiteDrive, place: TableKey) -> None:
             expected = f"dead_channels from 0 to {array.channels - 1}"
             raise place.at("faults").refuse(expected, str(channel))
     if site.sweeps is not None and len(set(drive.faults.dead_channels)) == array.channels:
-        raise place.at("faults").refuse("a live channel, which sweeps are calibrated by", "all channels dead")
+        raise place.at("faults").refuse("a live channel (needed to calibrate sweeps)", "all channels dead")
 
 
 NAVIGATION = {
@@ -206,13 +208,15 @@ def read_site(path: str | Path) -> Site:
     choices = _Choices(days, navigation, faults)
     entries = table.get("drive", [])
     if not isinstance(entries, list) or not entries:
-        raise root.at("drive").refuse("one [[drive]] or more", "none" if "drive" not in table else "no such list")
+        raise root.at("drive").refuse(
+            "one [[drive]] or more", "none" if "drive" not in table else "not a list of tables"
+        )
     drives: list[SiteDrive] = []
     for number, entry in enumerate(entries, 1):
         place = TableKey(root.file, f"drive[{number}]")
         drive = _read_drive(place, entry, site, choices)
         if drive.name in [known.name for known in drives]:
-            raise place.at("name").refuse("a name that no other drive has", repr(drive.name))
+            raise place.at("name").refuse("a unique drive name", repr(drive.name))
         drives.append(drive)
     site = replace(site, drives=tuple(drives))
     refuse_impossible(site, root)
@@ -237,12 +241,12 @@ def _read_ground(place: TableKey, table: object) -> GroundConfig:
     if ground.repeat_m is not None:
         for key in ("trees_per_100m", "utilities_per_100m"):
             if number := as_table(place, table).get(key):
-                raise place.at(key).refuse("0, or no such key: ground with repeat_m has none", f"{number:g}")
+                raise place.at(key).refuse("0 or no key (ground with repeat_m has no such objects)", f"{number:g}")
     return ground
 
 
 def _read_road(place: TableKey, table: object, ground: GroundConfig) -> RoadConfig:
-    withheld = {name: f"{name} in [ground], which the road goes by" for name in ("length_m", "margin_m")}
+    withheld = {name: f"{name} in [ground] (the road uses it)" for name in ("length_m", "margin_m")}
     road = fill_config(RoadConfig, place, table, withheld=withheld)
     return replace(road, length_m=ground.length_m, margin_m=ground.margin_m)
 
@@ -255,7 +259,7 @@ def _read_radar(place: TableKey, table: object, array: ArrayConfig) -> tuple[Rad
     if recording not in ("traces", "sweeps"):
         raise place.at("recording").refuse('"traces" or "sweeps"', repr(recording))
     if recording == "traces" and "sweeps" in entries:
-        raise place.at("recording").refuse('"sweeps", since there is [radar.sweeps]', '"traces"')
+        raise place.at("recording").refuse('"sweeps", as the section [radar.sweeps] exists', '"traces"')
     sweeps = fill_config(SweepPlan, place.at("sweeps"), entries.get("sweeps", {}))
     return replace(radar, height_m=array.height_m), sweeps if recording == "sweeps" else None
 
@@ -265,7 +269,7 @@ def _read_days(place: TableKey, table: object, seed: int) -> dict[str, Day]:
     for name, entry in as_table(place, table).items():
         where = place.at(name)
         if name in WEATHER:
-            raise where.refuse("a name of its own (like = that name)", "a name of the built-in weather")
+            raise where.refuse("a new name (use like = for the built-in weather)", "a name of the built-in weather")
         entries = as_table(where, entry)
         like = entries.get("like", "clear")
         if not isinstance(like, str) or like not in WEATHER:
@@ -280,7 +284,7 @@ def _read_named(kind: type[Config], place: TableKey, table: object, known: Mappi
     named = dict(known)
     for name, entry in as_table(place, table).items():
         if name in known:
-            raise place.at(name).refuse("a name of its own", "a built-in name")
+            raise place.at(name).refuse("a new name", "a built-in name")
         named[name] = fill_config(kind, place.at(name), entry)
     return named
 
@@ -377,7 +381,7 @@ def plan_site(site: Site, file: Path, only: Sequence[str] = ()) -> PlannedSite:
     try:
         scene = prepare_site(site)
     except ValueError as error:
-        raise InputError(file, "road", "a road and ground that can be drawn", str(error)) from None
+        raise InputError(file, "road", "a feasible road and ground", str(error)) from None
     planned = []
     for number, drive in enumerate(site.drives, 1):
         if only and drive.name not in only:
@@ -432,7 +436,7 @@ def output_paths(planned: PlannedSite, folder: Path, *, force: bool) -> dict[str
     paths = {entry.drive.name: folder / f"{entry.drive.name}.drive.h5" for entry in planned.drives}
     for path in paths.values():
         if path.exists() and not force:
-            raise InputError(path, "output", "a new file, or --force", "one that exists")
+            raise InputError(path, "output", "a new file, or --force", "an existing file")
     return paths
 
 
@@ -440,4 +444,4 @@ def _plan(scene: SiteScene, drive: SiteDrive, file: Path, number: int) -> Simula
     try:
         return plan_drive(scene, drive)
     except ValueError as error:
-        raise InputError(file, f"drive[{number}]", "a drive that road and ground can carry", str(error)) from None
+        raise InputError(file, f"drive[{number}]", "a drive within road and ground", str(error)) from None

@@ -360,18 +360,18 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         raise place.at("stall_v").refuse(expected, f"{vehicle.stall_v:g}")
     for key, (pre_tension, dead_zone, *_) in (("throttle", vehicle.throttle), ("brake", vehicle.brake)):
         if dead_zone > pre_tension:
-            expected = f"a dead zone of at most the pre-tension, {pre_tension:g}, or the pedal would not release"
+            expected = f"a dead zone of at most the pre-tension, {pre_tension:g}, so that the pedal releases"
             raise place.at(key).refuse(expected, f"{dead_zone:g}")
     sensors = _sensors(root.at("sensors"), table.get("sensors", {}), VehicleSensors())
     entries = table.get("drive")
     if not isinstance(entries, list) or not entries:
-        raise root.at("drive").refuse("one [[drive]] or more", "none" if entries is None else "no such list")
+        raise root.at("drive").refuse("one [[drive]] or more", "none" if entries is None else "not a list of tables")
     drives: dict[str, PlannedVehicleDrive] = {}
     for number, entry in enumerate(entries, 1):
         where = TableKey(root.file, f"drive[{number}]")
         drive = _drive(where, as_table(where, entry), vehicle, sensors, seed)
         if drive.name in drives:
-            raise where.at("name").refuse("a name that no other drive has", repr(drive.name))
+            raise where.at("name").refuse("a unique drive name", repr(drive.name))
         drives[drive.name] = drive
     return VehiclePlan(root.file, vehicle, serial_number, frame, tuple(drives.values()))
 
@@ -647,7 +647,7 @@ def write_vehicle_logs(
     fixes = [path for name in paths if drives[name].fix_errors for path in fixes_paths(folder, name)]
     for path in (*paths.values(), *fixes):
         if path.exists() and not force:
-            raise InputError(path, "output", "a new file, or --force", "one that exists")
+            raise InputError(path, "output", "a new file, or --force", "an existing file")
     folder.mkdir(parents=True, exist_ok=True)
     for name, path in paths.items():
         drive = drives[name]

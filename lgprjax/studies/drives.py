@@ -111,7 +111,7 @@ def loop_drive(task: Task, path: FilePath, *, fixes: bool) -> LoopDrive:
     log = VehicleLog.open(path)
     require_serial_number(task.vehicle, task.study.vehicle, log.serial_number, path, "/vehicle@serial_number")
     if log.vehicle is None:
-        raise InputError(path, "/vehicle", "signals of the vehicle", "none")
+        raise InputError(path, "/vehicle", "vehicle signals", "none")
     ticked = None
     beside = path.with_name(path.name.removesuffix(".drive.h5") + ".fixes.h5")
     if beside.is_file():
@@ -175,9 +175,9 @@ def _of_run(vehicle: VehicleFile, vehicle_path: FilePath, folder: FilePath) -> L
     signals, fixes = signals_of_run(reading), _fixes_of(reading)
     for place, rows in (("prior", signals.prior), ("drive_status", signals.box), ("plan", signals.plan)):
         if len(rows) < 2:
-            raise InputError(folder, "segments", f"two whole records of {place} or more", str(len(rows)))
+            raise InputError(folder, "segments", f"at least two complete records of {place}", str(len(rows)))
     if not len(fixes):
-        raise InputError(folder, "segments", "fixes of the registration", "none")
+        raise InputError(folder, "segments", "fixes from the registration", "none")
     zero_ns = int(signals.prior_ns[0])
 
     def seconds(times: np.ndarray) -> np.ndarray:

@@ -50,11 +50,11 @@ def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
         InputError: the log holds no signals of the vehicle, or none while navigation and odometry were available.
     """
     if log.vehicle is None:
-        raise InputError(path, "/vehicle", "signals of the vehicle", "none")
+        raise InputError(path, "/vehicle", "vehicle signals", "none")
     time_s = np.asarray(log.vehicle["time_s"], np.float64)
     covered = ~_in_gap(log.odometry.time_s, time_s)
     if np.count_nonzero(covered) < 2:
-        raise InputError(path, "/vehicle/time_s", "two records or more within the odometry's time", "fewer")
+        raise InputError(path, "/vehicle/time_s", "at least two records within the odometry's time span", "fewer")
     time_s = time_s[covered]
     track = log.navigation
     frame = LocalFrame(*(float(values[0]) for values in (track.latitude_deg, track.longitude_deg, track.height_m)))
@@ -214,7 +214,7 @@ def signal_of(drive: LoggedDrive, name: str) -> Float[np.ndarray, " record"]:
     """
     values = getattr(drive.signals, name)
     if values is None:
-        raise InputError(drive.path, f"/vehicle/{SIGNAL_NAMES[name]}", "a signal of the vehicle", "none")
+        raise InputError(drive.path, f"/vehicle/{SIGNAL_NAMES[name]}", "a vehicle signal", "none")
     return np.asarray(values)
 
 

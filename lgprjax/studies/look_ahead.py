@@ -119,7 +119,7 @@ def study_look_ahead(task: Task) -> Outcome:
     try:
         tuned = tune_look_ahead(vehicle, trials, GradientConfig(steps=round(options.steps)))
     except ValueError as error:
-        raise InputError(task.study.file, "options", "a look-ahead that the steering can follow", str(error)) from None
+        raise InputError(task.study.file, "options", "a look-ahead that the steering can track", str(error)) from None
     look = np.linspace(options.sweep_m[0], options.sweep_m[1], _SWEEP_STEPS)
     speeds = np.linspace(min(trials.speeds_mps), max(trials.speeds_mps), _SWEEPS * len(trials.speeds_mps))
     swept = _sweep(vehicle, trials, look, speeds)
@@ -133,9 +133,7 @@ def study_look_ahead(task: Task) -> Outcome:
             Figure(f"phase margin at {speed:g} m/s", float(np.degrees(judged.margin_rad[number])), "deg"),
         ]
     volts = float(vehicle.supply_v)
-    notes = (
-        f"cost {tuned.cost_m:.3f} m at a supply of {volts:g} V: a look-ahead is chosen, not measured: no interval",
-    )
+    notes = (f"cost {tuned.cost_m:.3f} m at a supply of {volts:g} V; a chosen look-ahead has no confidence interval",)
     return Outcome({}, chosen, tuple(figures), notes, LookAheadStudy(trials, tuned, look, speeds, swept))
 
 
@@ -151,10 +149,10 @@ class LoggedLookAheadStudy(NamedTuple):
 def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
     """The schedule over speed and torque, for the vehicles that the logs allow."""
     if options.supply_v is not None:
-        expected = "no supply where there are logs: the schedule is tuned for torque_shares"
+        expected = "no supply voltage together with logs (the schedule is tuned for torque_shares)"
         raise InputError(task.study.file, "options.supply_v", expected, f"{options.supply_v:g}")
     if task.study.held_out:
-        raise InputError(task.study.file, "held_out", "none: a study of loop judges what the logs tell", "logs")
+        raise InputError(task.study.file, "held_out", "no held-out logs (a loop study validates the fit)", "logs")
     fit = fit_of(task, [loop_drive(task, path, fixes=False) for path in task.study.logs])
     chassis = chassis_of(task.vehicle, task.study.vehicle)
     draws = draw_loops(fit.prior, fit.posterior, jax.random.key(0), count=round(options.draws))
@@ -164,7 +162,7 @@ def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
     try:
         tuned = tune_on_draws(drawn_vehicles(chassis, fit.prior, draws), trials, config)
     except ValueError as error:
-        raise InputError(task.study.file, "options", "a look-ahead that the steering can follow", str(error)) from None
+        raise InputError(task.study.file, "options", "a look-ahead that the steering can track", str(error)) from None
     experiments = next_experiments(fit, tuned, draws)
     chosen = {f"pursuit.{name}": float(value) for name, value in tuned.schedule.look_ahead._asdict().items()}
     chosen |= {
@@ -177,7 +175,9 @@ def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
         low, high = tuned.low_m[number], tuned.high_m[number]
         figures.append(Figure(f"look-ahead at {speed:g} m/s", float(ahead[number]), "m"))
         middle = float(np.median(tuned.best_m[:, number]))
-        figures.append(Figure(f"best at {speed:g} m/s, by what the logs allow", middle, "m", float(low), float(high)))
+        figures.append(
+            Figure(f"best at {speed:g} m/s, for the vehicles that the logs allow", middle, "m", float(low), float(high))
+        )
         for place, share in enumerate(tuned.shares):
             errors = np.asarray(tuned.judged.error_m)[:, number, place]
             name = f"error at {speed:g} m/s and {share:.0%} of the torque, rms over courses and offsets"
@@ -194,7 +194,7 @@ def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
     notes = [
         f"tuned over {len(tuned.best_m)} vehicles that {len(task.study.logs)} logs allow, each at "
         f"{', '.join(f'{share:.0%}' for share in tuned.shares)} of the torque",
-        f"left open by the logs: {', '.join(open_) or 'nothing'}",
+        f"not determined by the logs: {', '.join(open_) or 'nothing'}",
         *(
             f"may not settle below {SETTLED_M:g} m at {where}: play and dead band of the servo; drive slower there"
             for where in unsettled

@@ -115,7 +115,7 @@ def study_loop(task: Task) -> Outcome:
         against += judged_residual("yaw rate", path, max(own, 0.1), float(np.degrees(scale[1])), "deg/s")
         one = predict(task, fit, judge)
         if one is None:
-            notes.append(f"held out, {path.name}: no fixes or no path: nothing to roll out beside")
+            notes.append(f"held out, {path.name}: no fixes or no path: no rollout to compare")
             continue
         predicted.append(one)
         driven, rolled = rms(one.driven_m), rms(one.rolled_m)
@@ -151,15 +151,15 @@ def fit_of(task: Task, drives: list[LoopDrive], widths: float = 1.0) -> LoopFit:
     for drive in drives:
         for name, place in (("command_rad", "steering_command_rad"), ("front_rad", "wheel_angle_rad")):
             if not np.isfinite(getattr(drive, name)).any():
-                raise InputError(drive.path, f"/vehicle/{place}", "a signal of the vehicle", "none")
+                raise InputError(drive.path, f"/vehicle/{place}", "a vehicle signal", "none")
         seconds = float(np.sum(np.diff(drive.time_s)[drive.commanded[1:]]))
         if seconds < 10.0:
-            expected = "10 s or more in which commands reached the servo"
+            expected = "at least 10 s of commands to the servo"
             raise InputError(drive.path, "/vehicle/steering_command_rad", expected, f"{seconds:.1f} s")
         live = drive.commanded & (np.abs(drive.speed_mps) > 0.3)
         spread = float(np.degrees(np.std(drive.front_rad[live & np.isfinite(drive.front_rad)]))) if live.any() else 0.0
         if spread < 0.2:
-            expected = "wheels that turn by 0.2° rms or more while it drives"
+            expected = "wheel angles of 0.2° rms or more while driving"
             raise InputError(drive.path, "/vehicle/wheel_angle_rad", expected, f"{spread:.2f}°")
     with fitting(task.study.logs[0]):
         fit = fit_loop(prior_of(task, widths), _logs(task, drives))
@@ -219,7 +219,7 @@ def _found(task: Task, fit: LoopFit) -> tuple[dict[str, Estimate], list[str]]:
         one = fit.numbers[name]
         if name not in fit.told or (name == "rear_ratio" and task.vehicle.rear_map is not None):
             why = " (the file has a rear map)" if name == "rear_ratio" and name in fit.told else ""
-            notes.append(f"{words}: left open{why}, {fit.narrowed[name]:.0%} as wide as before the drives")
+            notes.append(f"{words}: not determined{why}, interval {fit.narrowed[name]:.0%} of the prior's width")
         elif name == "slip_s2pm2":
             if one.low <= 0.0:
                 notes.append(f"{words}: {max(one.high, 1e-9) ** -0.5:.3g} m/s or any above: the drives are too slow")

@@ -85,7 +85,7 @@ def tick_drive(
     """
     track, vehicle = log.navigation, log.vehicle or {}
     if "yaw_rate_radps" not in vehicle:
-        raise InputError(path, "/vehicle/yaw_rate_radps", "a yaw rate by gyro", "none")
+        raise InputError(path, "/vehicle/yaw_rate_radps", "a gyro yaw rate", "none")
     clocks = (track.time_s, log.odometry.time_s, vehicle["time_s"])
     first_s, last_s = max(float(clock[0]) for clock in clocks), min(float(clock[-1]) for clock in clocks)
     begin = int(np.searchsorted(track.time_s, first_s))
@@ -163,7 +163,7 @@ def _navigation(
 ) -> tuple[GnssObservation, HeadingObservation]:
     sigmas = (track.sigma_east_m, track.sigma_north_m, track.sigma_heading_deg)
     if sigmas[0] is None or sigmas[1] is None or sigmas[2] is None:
-        raise InputError(path, "/gnss_ins/sigma_east_m", "sigmas of the navigation", "none")
+        raise InputError(path, "/gnss_ins/sigma_east_m", "stated uncertainties of the navigation", "none")
     ticks, record = _last_in_tick(track.time_s, edges_s)
     size = len(edges_s) - 1
     valid = np.zeros(size, bool)
@@ -191,7 +191,7 @@ def _fixes(
     if path is not None:
         table, (_, spread) = read_fixes(path), read_fix_poses(path)
         if spread is None:
-            raise InputError(path, "/covariance", "covariances of the fixes", "none")
+            raise InputError(path, "/covariance", "fix covariances", "none")
         ticks, row = _last_in_tick(table["time_s"].to_numpy(), edges_s)
         ok = table["code"].to_numpy()[row] == "ok"
         # A file older than the column says only which matches were accepted.
@@ -267,7 +267,7 @@ def study_fusion(task: Task) -> Outcome:
     with fitting(task.drives[0].path):
         fit = fit_fusion(model, rules, stack_drives(drives))
     figures = [Figure("log-likelihood gained", fit.gained, "")]
-    notes = [f"left open by the drives: {', '.join(fit.left_open)}"] if fit.left_open else []
+    notes = [f"not determined by the drives: {', '.join(fit.left_open)}"] if fit.left_open else []
     judges = [(judge, _ticked(judge, tick_s, odometer_m)) for judge in task.judges]
     judged, against = [], list[Contradiction]()
     own_nis = mean_nis(filter_drives(fit.model, rules, stack_drives(drives))[1])
@@ -302,7 +302,7 @@ def _against(path: Path, judged: JudgedDrive, own_nis: dict[str, float]) -> list
     offered, accepted = (np.asarray(each).sum(axis=0) for each in (judged.info.offered, judged.info.accepted))
     for source, of, kept in zip(SOURCES, offered, accepted, strict=True):
         if 2 * kept < of:
-            expected = f"half or more of {of} accepted by the fitted noises"
+            expected = f"at least half of {of} accepted with the fitted noise"
             found.append(Contradiction(path, f"observations of {source}", expected, str(kept)))
     return found
 

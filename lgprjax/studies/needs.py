@@ -97,7 +97,7 @@ def require_excitation(kind: str, path: Path, signals: DriveSignals) -> None:
             from lgprjax.studies.logs import SIGNAL_NAMES
 
             place = " or ".join(f"/vehicle/{SIGNAL_NAMES[name]}" for name in names)
-            raise InputError(path, place, "a signal of the vehicle", "none")
+            raise InputError(path, place, "a vehicle signal", "none")
     steps_m = np.diff(signals.travel_m)
     way_m = float(np.sum(np.abs(steps_m)))
     if way_m < need.way_m:
@@ -117,7 +117,9 @@ def _require_speeds(path: Path, signals: DriveSignals) -> None:
     share = np.cumsum(way_m[order]) / max(float(np.sum(way_m)), 1e-9)
     slow, fast = (float(np.interp(part, share, way_m[order])) / _SPEED_S for part in (0.02, 0.98))
     if fast < LEAST_SPEEDS * slow:
-        raise InputError(path, "yaw_gain", NEEDS["yaw_gain"].drive, f"{slow:.1f} to {fast:.1f} m/s nearly all the way")
+        raise InputError(
+            path, "yaw_gain", NEEDS["yaw_gain"].drive, f"{slow:.1f} to {fast:.1f} m/s for nearly all of the drive"
+        )
 
 
 def _require_straight(path: Path, signals: DriveSignals) -> None:

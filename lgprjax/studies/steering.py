@@ -499,7 +499,7 @@ def _fit_yaw_gain(task: Task, drive: LoggedDrive) -> tuple[YawGainFit, str]:
         if not np.isfinite(fit.characteristic_speed_mps.high):
             low = fit.characteristic_speed_mps.low
             found = f"a characteristic speed of {low:.0f} m/s or any above"
-            raise NotExcitedError("yaw gain", "turns fast enough to lose yaw beyond doubt", found)
+            raise NotExcitedError("yaw gain", "turns fast enough for a significant loss of yaw rate", found)
     return fit, origin
 
 
@@ -551,7 +551,7 @@ def run_study(study: Study) -> FinishedStudy:
 
 def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: str) -> tuple[LoggedDrive, ...]:
     if key == "logs" and not paths and study.kind != "look_ahead":
-        raise InputError(study.file, key, "one drive log or more", "none")
+        raise InputError(study.file, key, "at least one drive log", "none")
     if study.kind in ("threshold", "tracking", "loop", "look_ahead"):
         return ()  # their logs may be recorded runs, which they read by themselves
     drives = []

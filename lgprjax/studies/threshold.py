@@ -55,7 +55,7 @@ def read_field_ticks(folder: Path) -> FieldTicks:
     told = np.isfinite(rows["pose"][:, 2]) & np.isfinite(rows["cross_m"]) & np.isfinite(rows["command"]).all(axis=1)
     kept = np.flatnonzero(rising(times_ns, told & (rows["mode"] == int(Mode.SPEED))))
     if not len(kept):
-        raise InputError(folder, "skid_plan", "ticks in which the computer drove a skid-steer vehicle", "none")
+        raise InputError(folder, "skid_plan", "control ticks of a skid-steer vehicle under automatic control", "none")
     time_s = 1e-9 * (times_ns[kept] - times_ns[kept[0]]).astype(np.float64)
     # The first tick of each tenth of a second.
     first = np.unique(np.floor(time_s / _STEP_S + 0.5).astype(np.int64), return_index=True)[1]
@@ -112,7 +112,7 @@ def study_threshold(task: Task) -> Outcome:
         notes.append(_note(judge, ticks, figures))
         against += _against(judge, fit, held)
     if not fit.found:
-        notes.insert(0, "no threshold: the vehicle obeys small commands as well as large ones")
+        notes.insert(0, "no threshold: the vehicle responds to small commands as to large ones")
     found = {_KEY: fit.threshold_mps} if fit.found else {}
     return Outcome({**found}, {}, tuple(figures), tuple(notes), fit, tuple(against))
 

@@ -59,7 +59,7 @@ def study_tracking(task: Task) -> Outcome:
     options = options_of(task, TrackingOptions)
     anchor = task.vehicle.pursuit.anchor_m
     if anchor is None:
-        raise InputError(task.study.vehicle, "pursuit.anchor_m", "the point that follows the path", "none")
+        raise InputError(task.study.vehicle, "pursuit.anchor_m", "the position of the tracked point", "none")
     names, drives = [], []
     for path in (*task.study.logs, *task.study.held_out):
         drive = loop_drive(task, path, fixes=True)
@@ -100,7 +100,7 @@ def tracked(task: Task, drive: LoopDrive, places: SmoothedDrive, reference: str,
         InputError: there are too few fixes, or nobody knows the path.
     """
     if places.fixes < _LEAST_FIXES:
-        raise InputError(drive.path, "fixes", f"{_LEAST_FIXES} fixes or more that the filter takes", str(places.fixes))
+        raise InputError(drive.path, "fixes", f"{_LEAST_FIXES} fixes or more accepted by the filter", str(places.fixes))
     engaged = drive.engaged[np.clip(np.searchsorted(drive.time_s, places.time_s), 0, len(drive.time_s) - 1)]
     path = _reference(task, drive, reference) if reference else plan_path(drive, places, anchor_m)
     return beside_path(
@@ -134,8 +134,8 @@ def plan_path(drive: LoopDrive, places: SmoothedDrive, anchor_m: float) -> Path:
     offset = np.interp(places.time_s, drive.time_s, drive.offset_m, left=np.nan, right=np.nan)
     known = np.isfinite(offset)
     if np.count_nonzero(known) < 50:
-        expected = "offsets from a path, or options.path, a drive log along it"
-        raise InputError(drive.path, "/plan/cross_track_m", expected, f"{np.count_nonzero(known)} ticks with one")
+        expected = "offsets from a path, or options.path (a drive log along the path)"
+        raise InputError(drive.path, "/plan/cross_track_m", expected, f"{np.count_nonzero(known)} ticks with an offset")
     yaw = places.yaw_rad[known]
     ahead_x = places.x_m[known] + anchor_m * np.cos(yaw)
     return path_of_feet(ahead_x, places.y_m[known] + anchor_m * np.sin(yaw), yaw, offset[known])
@@ -145,7 +145,7 @@ def _reference(task: Task, drive: LoopDrive, name: str) -> Path:
     """The path along another log's places, in the frame of this one."""
     file = task.study.file.parent / name
     if is_run(drive.path):
-        raise InputError(drive.path, "options.path", "drive logs, for a path that is one", "a recorded run")
+        raise InputError(drive.path, "options.path", "drive logs (options.path is a drive log)", "a recorded run")
     log = VehicleLog.open(FilePath(file))
     return path_of_drive(*local_track(log, origin_of(drive.path)))
 

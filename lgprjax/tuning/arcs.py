@@ -411,7 +411,7 @@ def fit_arcs(signals: DriveSignals, stretches: Stretches) -> Arcs:
         float(np.median(circles.scatter_m)), float(np.nanmedian(signals.sigma_position_m))
     )
     if not whole.any():
-        raise NotExcitedError("positions", "arcs without jumps", f"none in {len(whole)} stretches")
+        raise NotExcitedError("positions", "arcs without position jumps", f"none in {len(whole)} stretches")
     kept = choose_stretches(stretches, whole, "positions not on one arc")
     circles = Circles(*(column[whole] for column in circles))
     record, time_s = record[whole], signals.time_s[record[whole]]

@@ -348,7 +348,7 @@ def find_limit_cycle(
         NotExcitedError: a log of less than four times the shortest period that is looked for, or no numbers.
     """
     if len(time_s) < 2 or not (np.isfinite(time_s).all() and np.isfinite(cross_m).all()):
-        raise NotExcitedError("limit cycle", "finite records", "others or none")
+        raise NotExcitedError("limit cycle", "finite records", "no records, or values that are not finite")
     span_s = float(time_s[-1] - time_s[0])
     if span_s < 2.0 * _PERIODS * _SHORTEST_S:
         raise NotExcitedError("limit cycle", f"a log of {2.0 * _PERIODS * _SHORTEST_S:.0f} s", f"{span_s:.1f} s")

@@ -67,8 +67,8 @@ def fit_loop(prior: LoopPrior, logs: LoopLogs) -> LoopFit:
     posterior = identify(prior, logs)
     left = float(posterior.left)
     if not left <= _LARGEST_LEFT:
-        expected = f"drives on which the fit comes to rest, to within {_LARGEST_LEFT:g} standard errors"
-        raise NotExcitedError("loop", expected, f"{left:.2g} standard errors left to go")
+        expected = f"a fit that converges to within {_LARGEST_LEFT:g} standard errors"
+        raise NotExcitedError("loop", expected, f"{left:.2g} standard errors remaining")
     return summarise(prior, posterior)
 
 

@@ -217,7 +217,7 @@ def fit_fusion(
     scores = _summed(ascent.slope, stretch)
     observable = _observable(ascent.slope)
     if not observable.any():
-        raise NotExcitedError("drives", "a way that tells the noises", "none that does")
+        raise NotExcitedError("drives", "a drive that determines the noise parameters", "no such drive")
     square = _information(ascent.slope)[np.ix_(observable, observable)]
     inverse = np.linalg.inv(square)
     spread = scores[:, observable].T @ scores[:, observable] * stretches / degrees
@@ -270,7 +270,7 @@ def without_outliers(
         count, of = int((offered & ~accepted)[..., i].sum()), int(offered[..., i].sum())
         rejected[source] = count
         if count > LARGEST_REJECTED * of:
-            raise NotExcitedError(f"{source} at the start model", "2 % rejected at most", f"{count} of {of}")
+            raise NotExcitedError(f"{source} at the start model", "at most 2 % rejected", f"{count} of {of}")
     gnss, heading, odometer, lgpr = drives.observations
     used = [jnp.asarray(accepted[..., i]) for i in range(len(SOURCES))]
     kept = Observations(
@@ -314,7 +314,7 @@ def _climb(model: FilterModel, names: tuple[str, ...], drives: NavigationDrives)
         damping = max(0.2 * damping, 1e-6) if gained > 0.5 * promised else 4.0 * damping + 0.1
         if np.isfinite(gained) and gained > 0.0:
             at, slope, best = trial, trial_slope, best + gained
-    raise NotExcitedError("ascent", f"to settle within {ROUNDS} rounds", "it does not")
+    raise NotExcitedError("ascent", f"convergence within {ROUNDS} rounds", "no convergence")
 
 
 def _information(slope: Float[np.ndarray, "drive tick noise"]) -> Float[np.ndarray, "noise noise"]:
@@ -410,10 +410,10 @@ def fit_threshold(
     if len(time_s) < _LEAST_RECORDS:
         raise NotExcitedError("control threshold", f"{_LEAST_RECORDS} records or more", f"{len(time_s)}")
     if not all(np.isfinite(column).all() for column in (time_s, yaw_rad, turn_mps)):
-        raise NotExcitedError("control threshold", "numbers", "others")
+        raise NotExcitedError("control threshold", "finite numbers", "values that are not finite")
     sizes = np.unique(np.abs(turn_mps))
     if len(sizes) < _FEW:
-        raise NotExcitedError("control threshold", "commands of many sizes", f"{len(sizes)}")
+        raise NotExcitedError("control threshold", "commands of many different sizes", f"{len(sizes)}")
     step_s = float(np.median(np.diff(time_s)))
     rate = np.diff(np.unwrap(yaw_rad)) / np.diff(time_s)
     # Half-way between the commands given; a finer resolution is not observable.

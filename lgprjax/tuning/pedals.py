@@ -78,7 +78,7 @@ def cut_runs(signals: DriveSignals, what: str) -> PedalRuns:
         if whole and np.ptp(signals.travel_m[inside]) > LEAST_WAY_M:
             kept.append(inside)
     if not kept:
-        raise NotExcitedError(what, "runs from standstill to standstill", "none without a gap")
+        raise NotExcitedError(what, "runs from standstill to standstill without gaps", "none")
     record = np.concatenate(kept)
     run = np.repeat(np.arange(len(kept)), [inside.size for inside in kept])
     for name, command in (("throttle", signals.throttle), ("brake", signals.brake)):
@@ -222,7 +222,9 @@ def pedal_start(runs: PedalRuns, travel_m: Float[np.ndarray, " record"], what: s
     moving &= runs.run[2 * span :] == runs.run[: -2 * span]
     if np.count_nonzero(moving) < 10:
         raise NotExcitedError(
-            what, "driving between the standstills", f"{np.count_nonzero(moving) * step_s:.1f} s of it"
+            what,
+            "10 or more moving samples between standstills",
+            f"{np.count_nonzero(moving) * step_s:.1f} s of driving",
         )
     wanted = ((second - first) / span_s**2)[moving]
     plain = np.stack([-np.ones(wanted.size), -((second + first) / (2.0 * span_s))[moving]])
@@ -245,7 +247,9 @@ def pedal_start(runs: PedalRuns, travel_m: Float[np.ndarray, " record"], what: s
             best = _best(wanted, plain, *effects(*near), agreeing)
     if best.size == 0:
         raise NotExcitedError(
-            what, "a vehicle that throttle drives and brake slows", "one that does neither or one only"
+            what,
+            "a vehicle that accelerates with throttle and slows with brake",
+            "no effect of throttle, brake or both",
         )
     return best
 
@@ -384,12 +388,12 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     value, sigma = fit.value[0], fit.sigma[0]
     way_m = float(np.ptp(signals.travel_m[runs.record]))
     if fit.rms_m[0] > 0.05 * way_m:
-        raise NotExcitedError(WHAT, "a way that follows from the commands", f"{fit.rms_m[0]:.2f} m beside it")
+        raise NotExcitedError(WHAT, "a distance that the commands explain", f"a difference of {fit.rms_m[0]:.2f} m rms")
     # A parameter at its limit, or with no finite error, is as open as one with a large error.
     known = (sigma < LARGEST_SIGMA) & (value < MOST)
     if not known.all():
         open_names = ", ".join(name for name, commanded in zip(PEDAL_NAMES, known, strict=True) if not commanded)
-        raise NotExcitedError(WHAT, "steps that tell every parameter", f"these left open: {open_names}")
+        raise NotExcitedError(WHAT, "steps that determine every parameter", f"undetermined: {open_names}")
     scale = odometer_scale(signals)
     found = [
         _in_metres(name, estimate(float(v), float(s), fit.degrees[0]), scale, fit.degrees[0])

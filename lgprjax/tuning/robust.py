@@ -84,7 +84,7 @@ def robust_fit(
     base, triangle = np.linalg.qr(design)
     pivots = np.abs(np.diag(triangle))
     if not (pivots > 1e-9 * np.linalg.norm(design, axis=0)).all():
-        raise NotExcitedError("fit", f"{columns} quantities that vary independently", "ones that do not")
+        raise NotExcitedError("fit", f"{columns} quantities that vary independently", "dependent quantities")
     fitted, scale = _least_absolute(base, y)
     scale = max(scale, 1e-12 * float(np.max(np.abs(y))), 1e-300)
     for _ in range(ROUNDS):
@@ -318,7 +318,7 @@ def weighted_fit(
         raise NotExcitedError("fit", f"{columns + 3} settings or more", f"{numbers}")
     scaled = design / np.linalg.norm(design, axis=0)
     if not np.linalg.cond(scaled) < 1e8:
-        raise NotExcitedError("fit", f"{columns} quantities that vary independently", "ones that do not")
+        raise NotExcitedError("fit", f"{columns} quantities that vary independently", "dependent quantities")
     clip, extra = np.ones(numbers), 0.0
     for _ in range(_ROUNDS):
         extra = _extra_variance(design, y, sigma, clip)

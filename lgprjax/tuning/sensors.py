@@ -79,7 +79,7 @@ def fit_straight(signals: DriveSignals) -> StraightFit:
         raise NotExcitedError(STRAIGHT_STUDY, f"{LEAST_WINDOWS * WINDOW_M:.0f} m of driving or more", f"{way_m:.1f} m")
     if np.ptp(volts[moving]) == 0.0:
         raise NotExcitedError(
-            STRAIGHT_STUDY, "a potentiometer that answers", f"{volts[moving][0]:.4f} V at every record"
+            STRAIGHT_STUDY, "a potentiometer voltage that changes", f"{volts[moving][0]:.4f} V at every record"
         )
     window = _windows(signals, moving)
     curvature, mean_v, noise_v = _means(signals, volts, window)
@@ -182,10 +182,10 @@ def find_pauses(signals: DriveSignals, what: str) -> Pauses:
     usable = np.isfinite(counts) & np.isfinite(volts)
     standing = usable & (np.abs(speed_mps(signals)) < LARGEST_SPEED_MPS)
     if np.count_nonzero(standing) < 2:
-        raise NotExcitedError(what, "a vehicle that stands", "one that moves in every record")
+        raise NotExcitedError(what, "a stationary vehicle", "a moving vehicle in every record")
     turned = float(np.ptp(counts[standing]))
     if turned < JITTER_COUNTS / LEAST_TURN:
-        raise NotExcitedError(what, "a wheel turned at standstill", f"{turned:.0f} counts of turning")
+        raise NotExcitedError(what, "a wheel turned at standstill", f"{turned:.0f} encoder counts")
     moved = np.abs(np.diff(counts, prepend=np.nan)) > JITTER_COUNTS
     late = np.diff(signals.time_s, prepend=-np.inf) > LEAST_PAUSE_S
     run = np.cumsum(moved | late | ~standing | ~np.concatenate([[False], standing[:-1]]))
@@ -261,16 +261,18 @@ def fit_encoder(signals: DriveSignals, reference_v: float | None = None) -> Enco
             ENCODER_STUDY, f"{LEAST_PAUSES} pauses of a wheel turned at standstill", f"{rising + falling}"
         )
     if min(rising, falling) < 3:
-        raise NotExcitedError(ENCODER_STUDY, "three pauses or more from either side", f"{rising} and {falling}")
+        raise NotExcitedError(ENCODER_STUDY, "three pauses or more from each side", f"{rising} and {falling}")
     if np.ptp(pauses.potentiometer_v) < 1e-9 * np.max(np.abs(pauses.potentiometer_v)):  # a mean is rounded
-        raise NotExcitedError(ENCODER_STUDY, "a potentiometer that follows the wheel", "one voltage at every pause")
+        raise NotExcitedError(
+            ENCODER_STUDY, "a potentiometer voltage that follows the wheel", "one voltage at every pause"
+        )
     centre, half = float(np.mean(pauses.counts)), 0.5 * float(np.ptp(pauses.counts))
     place = (pauses.counts - centre) / half
     fit, why = _choose_degree(place, pauses)
     if fit.scale > LARGEST_SCATTER * abs(float(fit.coefficients[1])):
         raise NotExcitedError(
             ENCODER_STUDY,
-            "voltages that follow the counts",
+            "voltages proportional to the counts",
             f"a scatter of {fit.scale:.3f} V over {np.ptp(pauses.potentiometer_v):.3f} V",
         )
     return _result(fit, why, centre, half, pauses, reference_v)
@@ -299,7 +301,7 @@ def _choose_degree(place: Float[np.ndarray, " pause"], pauses: Pauses) -> tuple[
             return fit, f"polynomial of degree {degree}: a straight line is off by {abs(last):.4f} V at the ends"
     return robust_fit(
         _design(place, pauses.direction, 1), pauses.potentiometer_v
-    ), "straight line: no evidence for more"
+    ), "straight line: no evidence for a higher degree"
 
 
 def _result(
@@ -347,7 +349,7 @@ def _solve(curve: np.polynomial.Polynomial, volts: float) -> float:
     near = real[np.abs(real) < 2.0]
     if near.size == 0:
         raise NotExcitedError(
-            ENCODER_STUDY, f"a wheel turned about the reference of {volts:.3f} V", "no such voltage near"
+            ENCODER_STUDY, f"a wheel turned around the reference of {volts:.3f} V", "no such voltage near"
         )
     return float(near[np.argmin(np.abs(near))])
 

@@ -147,7 +147,7 @@ def _speed(inverse_square: Estimate) -> Estimate:
 
 _POINTS = 601
 _BEYOND = 1.3
-"""Of the largest angle, to either side: a curvature with noise has an angle too."""
+"""Of the largest angle, to both sides: a curvature with noise has an angle too."""
 
 
 class AxleTrack(NamedTuple):
@@ -262,7 +262,7 @@ def fit_wheel_angle(arcs: Arcs, chassis: Chassis) -> WheelAngleFit:
     if front.min() > -_LEAST_SPAN * largest or front.max() < _LEAST_SPAN * largest:
         degrees = np.degrees(_LEAST_SPAN * largest)
         found = f"{np.degrees(front.min()):.1f}° to {np.degrees(front.max()):.1f}°"
-        raise NotExcitedError("palm tree", f"turns beyond {degrees:.1f}° to either side", found)
+        raise NotExcitedError("palm tree", f"turns beyond {degrees:.1f}° to both sides", found)
     middle, half = 0.5 * float(steering.max() + steering.min()), 0.5 * float(np.ptp(steering))
     u = (steering - middle) / half
     # On long arcs the noise of the steering signal is the larger one.
@@ -271,7 +271,7 @@ def fit_wheel_angle(arcs: Arcs, chassis: Chassis) -> WheelAngleFit:
     fit = weighted_fit(np.vander(u, _DEGREE + 1, increasing=True), front, sigma)
     rise = np.diff(np.vander(np.linspace(-1.0, 1.0, 101), _DEGREE + 1, increasing=True) @ fit.coefficients)
     if not (np.all(rise > 0.0) or np.all(rise < 0.0)):
-        raise NotExcitedError("palm tree", "an angle that rises or falls with the steering all along", "one that turns")
+        raise NotExcitedError("palm tree", "an angle monotonic in the steering", "an angle that reverses")
     found_map = SteeringMap(middle, half, fit.coefficients, fit.covariance, fit.degrees)
     return WheelAngleFit(found_map, steering, front, sigma, fit.residual, fit.extra, arcs.stretches.dropped)
 
@@ -366,7 +366,7 @@ def drifting_fit(
     if numbers < columns + 3:
         raise NotExcitedError("fit", f"{columns + 3} stretches or more", f"{numbers}")
     if not np.linalg.cond(design / np.linalg.norm(design, axis=0)) < 1e8:
-        raise NotExcitedError("fit", f"{columns} quantities that vary independently", "ones that do not")
+        raise NotExcitedError("fit", f"{columns} quantities that vary independently", "dependent quantities")
     share, drift_s = (grid.ravel() for grid in np.meshgrid(_SHARES, _DRIFT_S))
     # The last candidate has no drift, for any time constant.
     share, drift_s = np.append(share, 0.0), np.append(drift_s, 1.0)
@@ -399,8 +399,8 @@ def drifting_fit(
 # curvature, is −x_c, which tends to −kL / (1 + k). An INS that is mounted askew adds a constant; left turns and right
 # turns tell it from k. The other way is to measure both wheel angles.
 
-_ONLY_CURVATURE = "turns alone, whose curvature gives only (1 + k) φ"
-"""κL that turns to either side must reach, and rad that measured front angles must span."""
+_ONLY_CURVATURE = "turning curvature only, which gives (1 + k) φ and not k"
+"""κL that turns to both sides must reach, and rad that measured front angles must span."""
 _LARGEST_MISALIGNMENT_RAD = 0.5
 _ROUNDS = 3
 _STEP = 0.01
@@ -436,12 +436,14 @@ def rear_ratio_by_heading(arcs: Arcs, chassis: Chassis) -> RearRatioFit:
     """
     known = np.isfinite(arcs.slip_rad)
     if not known.any():
-        raise NotExcitedError("k", "INS headings beside positions, or both wheel angles", _ONLY_CURVATURE)
+        raise NotExcitedError("k", "positions with INS headings, or both wheel angles", _ONLY_CURVATURE)
     if np.any(np.abs(arcs.slip_rad[known]) > _LARGEST_MISALIGNMENT_RAD + float(chassis.largest_angle_rad)):
-        raise NotExcitedError("INS heading", "that of the body", "one far off it, or that of the motion")
+        raise NotExcitedError(
+            "INS heading", "the heading of the body", "a far larger offset, or the direction of motion"
+        )
     bend = arcs.curvature_radpm * float(chassis.wheelbase_m)
     if bend[known].max() < _LEAST_TURN or bend[known].min() > -_LEAST_TURN:
-        wanted = f"turns of {_LEAST_TURN / float(chassis.wheelbase_m):.3f} rad/m to either side"
+        wanted = f"turns of {_LEAST_TURN / float(chassis.wheelbase_m):.3f} rad/m to both sides"
         found = f"{arcs.curvature_radpm[known].min():.3f} to {arcs.curvature_radpm[known].max():.3f} rad/m"
         raise NotExcitedError("k", wanted, found)
     ratio = 0.5
@@ -497,7 +499,7 @@ def wheel_angle_blocks(
         NotExcitedError: an angle is missing.
     """
     if signals.front_rad is None or signals.rear_rad is None:
-        raise NotExcitedError("k", "both wheel angles, or INS headings beside positions", _ONLY_CURVATURE)
+        raise NotExcitedError("k", "both wheel angles, or positions with INS headings", _ONLY_CURVATURE)
     known = np.isfinite(signals.front_rad + signals.rear_rad)
     if not known.any():
         raise NotExcitedError("k", "records with both wheel angles", "none")

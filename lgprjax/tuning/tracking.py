@@ -169,7 +169,9 @@ def beside_path(
     on = (along > 0.0) & (along < length) & (np.abs(away) < 20.0)
     near = np.abs(away) < NEAR_PATH_M
     if np.count_nonzero(on) < 20 or np.count_nonzero(on & near) < 0.5 * len(away):
-        raise NotExcitedError("path", f"a drive within {NEAR_PATH_M:g} m of it", f"{np.mean(on & near):.0%} of it is")
+        raise NotExcitedError(
+            "path", f"a drive within {NEAR_PATH_M:g} m of it", f"{np.mean(on & near):.0%} of the drive"
+        )
     error = yaw_rad - np.arctan2(np.asarray(at.sin, np.float64), np.asarray(at.cos, np.float64))
     parts = (
         time_s,

@@ -177,10 +177,10 @@ def path_from_points(
     points = np.asarray(points_m, np.float64)
     if not np.all(np.isfinite(points)):
         place = int(np.flatnonzero(~np.all(np.isfinite(points), axis=1))[0])
-        raise InputError("path", f"point {place}", "numbers", f"{points[place].tolist()}")
+        raise InputError("path", f"point {place}", "finite numbers", f"{points[place].tolist()}")
     points = _thin(points, 0.5 * spacing_m, closed)
     if len(points) < _LEAST_POINTS:
-        raise InputError("path", "points", f"at least {_LEAST_POINTS} separate ones", f"{len(points)}")
+        raise InputError("path", "points", f"at least {_LEAST_POINTS} distinct points", f"{len(points)}")
     fine_m, fine, direction = _cubic_pieces(points, closed)
     count = max(round(float(fine_m[-1]) / spacing_m), 1)
     arcs_m = np.linspace(0.0, fine_m[-1], count + 1)

@@ -36,7 +36,7 @@ def field_of_places(places: FieldPlaces, frame: LocalFrame, name: str) -> tuple[
         field = field_of_polygon(corners, name=name)
         dropped = len(corners) - len(field.perimeter_m)
         if dropped:
-            notes.append(f"{dropped} corners left out: in the place of the one before")
+            notes.append(f"{dropped} corners left out: same position as the corner before")
         return field, notes, None
     field = field_of_corners(corners, name=name)
     for number, corner in enumerate(corners):
@@ -47,7 +47,7 @@ def field_of_places(places: FieldPlaces, frame: LocalFrame, name: str) -> tuple[
     computed = far.index(True) if any(far) else 3
     fourth = field.perimeter_m[computed]
     latitude, longitude, _ = frame.to_geodetic(fourth[:1], fourth[1:], np.zeros(1))
-    notes.append(f"the fourth corner follows: {latitude[0]:.8f}, {longitude[0]:.8f}; visit it before you drive")
+    notes.append(f"the fourth corner is computed: {latitude[0]:.8f}, {longitude[0]:.8f}; visit it before you drive")
     return field, notes, computed
 
 
@@ -83,5 +83,7 @@ def check_same_field(field: Field, worked: WorkedRecord, field_file: str | Path)
         turned = [np.roll(there, shift, axis=0) for shift in range(len(there))]
         apart_m = min(float(np.hypot(*(here - each).T).max()) for each in turned)
     if apart_m > _SAME_FIELD_M:
-        found = "another number of corners" if math.isinf(apart_m) else f"corners up to {apart_m:.2f} m from its own"
+        found = (
+            "a different number of corners" if math.isinf(apart_m) else f"corners up to {apart_m:.2f} m from its own"
+        )
         raise InputError(field_file, "perimeter", f"the field of the record, {worked.name}", found)

@@ -15,7 +15,7 @@ from lgprjax.errors import ArgumentError
 from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
 
 METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
-_CART = "a cart, recorded by GNSS alone; whether its tool worked was not measured"
+_CART = "a cart, recorded by GNSS only; tool operation was not measured"
 STATUS = "processed by machine; not searched, not released"
 _QUALITY = {0: "none", 1: "single", 2: "float", 3: "fixed"}
 _NO_AREA_M2 = 1e-9
@@ -324,7 +324,7 @@ class LayerFigures(NamedTuple):
         """Statement about the layer, valid if the onboard filter's errors were as estimated."""
         if self.processed_m2 == 0.0:
             return f"No cell is processed at {100.0 * self.level:g} %."
-        tool = "working tool" if self.measured else "tool, of which nobody measured whether it worked,"
+        tool = "working tool" if self.measured else "tool (operation not measured)"
         return (
             f"The {tool} passed each cell of an area of {square_metres(self.processed_m2)}, {percent(self.share)} of "
             f"the field, with probability {100.0 * self.level:g} % or more. With probability {100.0 * PAC:g} % or "

@@ -49,7 +49,7 @@ SPARE_M = 0.8
 """Room of the fence beyond what a plan without declared ground needs; ``[coverage] spare_m`` of a run."""
 
 
-_BEGINS_WITHIN = "the first swath begins within the field: the vehicle has to be brought there"
+_BEGINS_WITHIN = "the first swath starts inside the field: bring the vehicle there"
 
 PlanOrder = Literal["zamboni", "boustrophedon", "racetrack", "free", "best"]
 
@@ -71,7 +71,7 @@ class PlanOptions(NamedTuple):
         confidence: that every place is to reach with one pass: overlap, and swaths beyond the border where the ground
             outside allows, follow from it; ``None``: ``overlap`` as it is, and swaths flush with the border.
         drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
-        least_width_m: of a plan for gaps, narrower places are left as they are.
+        least_width_m: of a plan for gaps, narrower places are not planned.
     """
 
     overlap: float = 0.2
@@ -134,7 +134,7 @@ def check_plan_options(options: PlanOptions, level: float) -> None:
     if options.heading_deg is not None and not 0.0 <= options.heading_deg <= 360.0:
         raise ArgumentError("heading_deg", "0 to 360", f"{options.heading_deg:g}")
     if options.drop_out_s and options.confidence is None:
-        raise ArgumentError("drop_out_s", "confidence beside it", f"{options.drop_out_s:g} alone")
+        raise ArgumentError("drop_out_s", "confidence as well", f"{options.drop_out_s:g} without confidence")
     if not 0.5 < level < 1.0:
         raise ArgumentError("level", "above 0.5 and below 1", f"{level:g}")
     if not 0.0 <= options.keep_out_buffer_m <= 100.0:
@@ -218,7 +218,7 @@ def plan_field(
     if worked is not None:
         check_same_field(field, worked, field_file)
     if vehicle.body.rear_m is None:
-        notes.append("the vehicle file has no [body]: ground is for reference point, track and tool alone")
+        notes.append("the vehicle file has no [body]: the ground check covers only reference point, tracks and tool")
     keep_outs_m = tuple(keep_out_of(each, frame, options.keep_out_buffer_m) for each in places.keep_outs)
     declared = bool(options.sides or keep_outs_m or carried) or options.order in ("free", "best") or worked is not None
     field_names = FieldNames(
@@ -386,11 +386,11 @@ class _Maker:
         pattern = made.pattern
         check_drivable(pattern, ground, held.outline, name=held.file)
         parts = "1 connected region" if made.regions == 1 else f"{made.regions} connected regions"
-        notes = [f"{parts} of {made.left_m2:.1f} m² in all; swaths end where work is left", *_unreached(pattern)]
+        notes = [f"{parts} of {made.left_m2:.1f} m² in total; swaths cover only the work left", *_unreached(pattern)]
         if made.narrow_m2 > 0.0:
-            notes.append(f"{made.narrow_m2:.1f} m² in places narrower than {least_m:g} m are left as they are")
+            notes.append(f"{made.narrow_m2:.1f} m² in places narrower than {least_m:g} m are not planned")
         if made.shut_m2 > 0.0:
-            notes.append(f"{made.shut_m2:.1f} m² lie where no swath fits into the ground: not planned")
+            notes.append(f"{made.shut_m2:.1f} m² without room for a swath in the declared ground are not planned")
         if self._begins_within(pattern, settings):
             notes.append(_BEGINS_WITHIN)
         return pattern, self._smaller(pattern, ground), [], notes
@@ -448,17 +448,19 @@ class _Maker:
                 notes = [
                     *begun,
                     *_unreached(pattern),
-                    f"the swaths pass {math.floor(1000.0 * share) / 10.0:.1f} % of the field",
+                    f"the swaths cover {math.floor(1000.0 * share) / 10.0:.1f} % of the field",
                 ]
                 if tour.cusps:
-                    notes.append(f"the way changes between forward and reverse {tour.cusps} times")
+                    notes.append(f"the path changes between forward and reverse {tour.cusps} times")
             else:
 
                 def lay(settings: PatternSettings) -> Pattern:
                     return plan_pattern(self._wider, settings, name=held.file)
 
                 if held.keep_outs_m:
-                    raise InputError(held.file, f"order {order}", "free: it goes round keep-outs", order)
+                    raise InputError(
+                        held.file, f"order {order}", "free (the order that drives around keep-outs)", order
+                    )
                 room_m = self._room_m if self._bound else self._options.turning_room_m
                 laid = _lay_within(
                     lay, lambda within_m: self._settings_for(order, within_m, heading_rad), self._wider, room_m
@@ -523,7 +525,7 @@ def _unreached(pattern: Pattern) -> list[str]:
         return []
     at = pattern.unreached[0].start_m
     where = f"the first at {at[0]:.1f} m east, {at[1]:.1f} m north of the anchor"
-    return [f"no way leads to {len(pattern.unreached)} swaths, {where}"]
+    return [f"no path leads to {len(pattern.unreached)} swaths, {where}"]
 
 
 def rooms_of_sides(sides: Sequence[str], count: int, default_m: float) -> list[float] | None:

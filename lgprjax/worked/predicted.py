@@ -79,7 +79,7 @@ def predicted_width(
     sigma_m = math.hypot(_sigma_m(model, tool, drop_out_s, speed_mps), shared_sigma_m)
     margin_m = NormalDist().inv_cdf(confidence) * sigma_m + TRACKING_M
     if 2.0 * margin_m > 0.8 * tool.width_m:
-        expected = f"errors that leave a fifth of the tool's {tool.width_m:g} m"
+        expected = f"errors that leave at least a fifth of the tool width, {tool.width_m:g} m"
         raise ArgumentError("drop_out_s", expected, f"{sigma_m:.2f} m across after {drop_out_s:g} s")
     return PredictedWidth(sigma_m, 2.0 * margin_m / tool.width_m, margin_m)
 

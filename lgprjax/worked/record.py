@@ -89,7 +89,7 @@ def read_cover_run(folder: str | Path) -> CoverRun:
     reading = read_run(folder)
     clock = reading.clock
     if clock is None:
-        raise InputError(reading.folder, "segments", "a whole head, or run.json", "neither")
+        raise InputError(reading.folder, "segments", "a complete segment header, or run.json", "neither")
     gathered = RowGatherer(payload_type("cover"))
     events, plan, machine = [], None, None
     utc_of_mono_ns = clock[0] - clock[1]
@@ -379,13 +379,13 @@ def _check_plans(plans: Sequence[PlanFile]) -> None:
 
 def _check_runs(plans: Sequence[PlanFile], runs: Sequence[CoverRun]) -> None:
     if not runs:
-        raise InputError(plans[0].path, "runs", "one recorded run or more", "none")
+        raise InputError(plans[0].path, "runs", "at least one recorded run", "none")
     known = {plan.sha256 for plan in plans}
     seen: dict[str, str] = {}
     for run in runs:
         if run.plan_sha256 not in known:
             expected = "a run by this plan, or by another one given with --plan"
-            found = "none that it names" if run.plan_sha256 is None else f"the plan {run.plan_sha256[:12]}..."
+            found = "none named by the run" if run.plan_sha256 is None else f"the plan {run.plan_sha256[:12]}..."
             raise InputError(run.name, "plan", expected, found)
         identity = str(run.provenance["run"])
         if identity in seen:

@@ -108,11 +108,13 @@ def take_up(
     if place is None:
         own = [run for run in runs if machine is None or run.machine in (None, machine)]
         if runs and not own:
-            raise InputError(plan.path, "resume", f"a run of {machine}", "runs of other machines alone: --start-line")
+            raise InputError(
+                plan.path, "resume", f"a run of {machine}", "runs of other machines only: give --start-line"
+            )
         last = last_place(plan, own)
         place = RoutePlace(0, 0.0) if last is None else resume_place(pattern, last)
         if place is None:
-            raise InputError(plan.path, "resume", "work left of the plan", "its end was reached: cover plan --gaps")
+            raise InputError(plan.path, "resume", "work left of the plan", "a complete plan: use cover plan --gaps")
     if not 0 <= place.line < len(pattern.lines):
         raise InputError(plan.path, "start line", f"1 to {len(pattern.lines)}", f"{place.line + 1}")
     if not 0.0 <= place.along_m < pattern.lines[place.line].length_m:

@@ -1,4 +1,4 @@
-"""Accuracy and refusal on generated ground, prior wrong by a metre. Figures: docs/performance.md."""
+"""Accuracy and refusal on generated ground, prior wrong by a metre."""
 
 from dataclasses import replace
 from pathlib import Path

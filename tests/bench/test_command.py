@@ -1,6 +1,7 @@
 """``python -m benchmarks`` as a person meets it: what is printed, what is written, what is refused."""
 
 import json
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,8 @@ def test_what_ran_is_written_and_what_is_missing_or_fails_is_told(
     told = json.loads(path.read_text(encoding="utf-8"))
     assert told["quick"] is True
     assert told["machine"] in shown
+    assert date.fromisoformat(told["date"]) <= datetime.now(UTC).date()
+    assert ("commit" in told) is (Path(__file__).parents[2] / ".git").exists()
     lacking, failed = sorted(told["not_measured"], key=lambda line: "boom" in line)
     assert failed == "benchmarks.tuning_peers.scipy_fit: boom"
     assert "numpy_draws" in lacking

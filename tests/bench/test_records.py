@@ -32,7 +32,8 @@ def test_tables_hold_every_figure() -> None:
     assert lines[1].split() == ["success", "99.2", "%", "≥", "99", "yes", "912", "problems"]
     assert lines[2].split() == ["single", "0.51", "ms", "≤", "0.5", "no"]
     # What would break a row is escaped.
-    lines = markdown_table([HIGHER, TOLD]).splitlines()
+    lines = markdown_table([HIGHER, TOLD, LOWER]).splitlines()
+    assert lines[4] == "| single | 0.51 | ms | ≤ 0.5 | **no** |  |"
     assert lines[3] == "| swarm \\| ring | 3.1 | ms |  |  |  |"
 
 

@@ -63,7 +63,7 @@ def check_log(path: Path) -> None:
 
 def test_a_csv_file_becomes_a_drive_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_csv(tmp_path / "a.csv", columns())
-    command = ["import", "signals", str(file), "--map", str(_MAP), "-o", str(tmp_path / "a.drive.h5")]
+    command = ["import", "signals", str(file), "--columns", str(_MAP), "-o", str(tmp_path / "a.drive.h5")]
     for status in (0, 1):
         with pytest.raises(SystemExit) as stopped:
             main(command)

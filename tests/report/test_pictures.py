@@ -137,7 +137,7 @@ def test_ok_fixes_without_truth_are_seen_as_such(tmp_path: Path, drawn: list[Fig
         drive = known_from(first)
         draw_trajectory(drive, tmp_path / f"{name}.png")
         plan = drawn[-1].axes[0]
-        blind = next(line for line in plan.lines if line.get_label() == "ok fixes, no truth")
+        blind = next(line for line in plan.lines if line.get_label() == "ok fixes, true pose unknown")
         judged = np.asarray(plan.collections[-1].get_offsets())
         assert len(np.asarray(blind.get_xdata())) == drive.ok[:first].sum()
         assert len(judged) == drive.ok[first:].sum()

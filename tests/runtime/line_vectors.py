@@ -179,12 +179,12 @@ def document() -> Table:
         "schema": "lgprjax.wire_vectors",
         "version": "1.2",
         "description": "Examples of data_schema/wire.toml. Verdicts of bad bytes: no_sync, version, length, crc, type, "
-        "payload; waits: nothing is told before more comes. Bytes are hex; nan is no number.",
+        "payload; waits: no verdict before more bytes arrive. Bytes are hex; nan is not a number.",
         "good": good_frames(),
         "bad": bad_frames(),
         "conversation": {
-            "description": "in this order over the line of the drive-by-wire box, to a host whose clock says "
-            "arrival_us; missed counts the sequence numbers that never came",
+            "description": "frames in this order on the line of the drive-by-wire box, at host clock time "
+            "arrival_us; missed counts the missing sequence numbers",
             "line": "drive_by_wire",
             "missed": 2,
             "steps": conversation(),

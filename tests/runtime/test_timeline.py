@@ -41,10 +41,10 @@ def test_what_slowed_a_run_last_is_told_though_it_is_over() -> None:
 
 @pytest.mark.parametrize("mode", ["READY", "STEERING"])
 def test_what_engaging_needs_is_told_to_those_who_are_not_engaged(mode: str) -> None:
-    missing = told(4.0, event="SOURCE_MISSING", mode=mode, actions=[], why=["no position: GNSS"])
+    missing = told(4.0, event="SOURCE_MISSING", mode=mode, actions=[], why=["no position from GNSS"])
     found = timeline_of([*(ENGAGES if mode == "STEERING" else ENGAGES[:1]), missing])
     texts = [each.text for each in found.entries if each.kind == "note"]
-    assert ["no position: GNSS" in each for each in texts] == [True] * (mode == "READY")
+    assert ["no position from GNSS" in each for each in texts] == [True] * (mode == "READY")
 
 
 def test_who_never_engaged_is_told_why_it_was_refused() -> None:

@@ -74,7 +74,7 @@ def write_log(folder: Path, ratio: float, *, rear_scale: float = 1.0) -> Path:
     (folder / "columns.toml").write_text(text)
     (folder / "mine.vehicle.toml").write_text(_VEHICLE)
     log = folder / "log.drive.h5"
-    assert run("import", "signals", folder / "log.csv", "--map", folder / "columns.toml", "-o", log) == 0
+    assert run("import", "signals", folder / "log.csv", "--columns", folder / "columns.toml", "-o", log) == 0
     return log
 
 

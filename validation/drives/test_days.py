@@ -1,7 +1,7 @@
 """Days of fixed difficulty: accuracy and availability of each, impostors and look-alikes refused.
 
 One road of each day, all days on two roads, twenty sites, and 10,000 and 100,000 scans of each kind of false ground;
-prints the tables of docs/performance.md. ``tests/batch/test_days.py`` is the short form.
+prints a table of accuracy by day. ``tests/batch/test_days.py`` is the short form.
 """
 
 from collections.abc import Callable
@@ -100,7 +100,7 @@ def test_by_default_a_fix_is_there_on_every_day(road: DaySite, day: str) -> None
     assert ok[tried].mean() >= AVAILABLE[day]
     assert figures.wrong == 0
     assert figures.cross_rms_m <= CROSS_M[day]
-    # One road is one draw of its baselines' GNSS: the band of many roads is in docs/performance.md.
+    # One road is one draw of its baselines' GNSS; sites ranged from 0.4 to 3.1.
     assert np.mean(nees) / 2 < 4.0
     if day == "rain":
         assert drive.time_scale is not None
@@ -154,7 +154,7 @@ def test_slabs_that_repeat_themselves_are_declined(repeat_m: float, tmp_path: Pa
 
 
 def test_all_days_on_two_roads(tmp_path: Path, record_property: RecordProperty) -> None:
-    """The table of docs/performance.md."""
+    """A table of accuracy by day."""
     drives: dict[str, dict[str, Any]] = {day: {"day": day} for day in ("clear", "snow", "rain", "frost")}
     drives |= {"road repaired": {"day": "repaired"}, "years later": {"day": "years"}}
     drives |= {"clear, opposite direction": {"day": "clear", "direction": -1}}

@@ -26,7 +26,7 @@ REFUSED = READY | PLACE | {"refusal": "OFF_ROUTE", "refusal_text": "the vehicle 
 ERROR = DRIVING | PLACE | {
     "mode": "ERROR",
     "faults": ["DRIVE_BY_WIRE"],
-    "cause": "the drive-by-wire box or its line failed: drive-by-wire box is silent",
+    "cause": "the drive-by-wire box or its connection failed: drive-by-wire box is silent",
     "warnings": ["steering potentiometer and encoder disagree by 4.1 degrees", "storage is nearly full"],
     "reaction": "STOP",
     "reasons": ["steering sensors disagree"],

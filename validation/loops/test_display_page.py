@@ -100,7 +100,7 @@ def test_what_is_shown_names_files_not_folders(served: ServedPage, tab: Tab) -> 
 
 
 def test_what_slows_a_drive_is_told_once(served: ServedPage, tab: Tab) -> None:
-    scans = "no scans: radar, its line or registration"
+    scans = "no scans: radar, its connection or registration"
     state = DRIVING | PLACE | {"slow": [scans], "warnings": [scans], "reasons": ["GNSS is silent"], "cap_mps": 2.0}
     show(served, tab, state)
     assert tab.text("#words").count(scans) == 1

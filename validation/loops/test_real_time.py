@@ -17,7 +17,7 @@ def test_in_real_time_nothing_is_compiled_once_a_process_is_ready(tmp_path: Path
     done = lgprjax("run", str(course), *arguments)
     # Six seconds do not lead to the end of 60 m.
     assert done.status == 1, done.out[-2000:] + done.err[-4000:]
-    assert len(re.findall(r"^did not arrive: .+ lgprjax events ", done.out, re.MULTILINE)) == 1
+    assert len(re.findall(r"^result: did not arrive: .+\nnext: lgprjax events ", done.out, re.MULTILINE)) == 1
     found = json.loads(figures.read_text(encoding="utf-8"))
     assert found["ticks"] > 150
     assert found["scans"] > 50

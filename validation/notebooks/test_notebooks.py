@@ -116,7 +116,7 @@ def test_logged_runs_become_a_vehicle_file(tmp_path: Path, monkeypatch: pytest.M
 
 def test_logs_that_do_not_tell_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _, printed = run_notebook("what_logs_tell", tmp_path, monkeypatch)
-    assert "largest rate of the servo: left open" in printed
+    assert "largest rate of the servo: not determined" in printed
     assert "vehicle file: full" in printed
 
 

@@ -196,7 +196,7 @@ SETS: dict[str, Callable[[Path, Path], Iterator[Row]]] = {
 
 
 def table(rows: Sequence[Row]) -> str:
-    """As it stands in docs/performance.md."""
+    """Markdown table, a row for each drive and map."""
     lines = [
         "| drive and map | tried | `ok` | right | median off along, across | largest | declined |",
         "| --- | --- | --- | --- | --- | --- | --- |",

@@ -1,4 +1,4 @@
-"""The real recordings, imported as their owners would and registered by default. Figures: docs/performance.md."""
+"""The real recordings, imported as their owners would and registered by default. Figures: docs/records/real.json."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -65,6 +65,6 @@ def test_another_days_lines(real_data: Path, tmp_path: Path, shown: Callable[[Ro
     assert rows[67].ok >= 0.7 * rows[67].tried
     assert rows[67].right == rows[67].ok
     assert "inverted" in rows[67].told
-    assert "walked the other way" in rows[67].told
+    assert "driven in the opposite direction" in rows[67].told
     assert rows[70].tried > 150
     assert rows[70].ok == 0

@@ -149,7 +149,7 @@ def _table(file: Path, what: str, columns: int | None) -> tuple[Float[np.ndarray
         raise InputError(
             file,
             f"row {row + 1} below the heading",
-            "times that rise",
+            "increasing times",
             f"{values[row, 0]:.6f} after {values[row - 1, 0]:.6f}",
         )
     return values[steps > 0], int(np.count_nonzero(steps == 0))
@@ -184,7 +184,7 @@ def _tracks(
     try:
         heading_deg = path_headings_deg(latitude_deg, longitude_deg, np.interp(time_s, odometry_time_s, distance_m))
     except ValueError:
-        raise InputError(truth_file, "positions", "a vehicle that moves", "one that stands still") from None
+        raise InputError(truth_file, "positions", "a vehicle that moves", "a stationary vehicle") from None
     poses = (time_s, latitude_deg, longitude_deg, heading_deg, truth[:, 3])
     return track(*poses), track(*poses)
 

@@ -65,7 +65,7 @@ def read_gprmax_file(file: Path, receiver: int, component: str | None) -> GprMax
             values = np.asarray(data[()], dtype=np.float64)
         traces = values[None, :] if values.ndim == 1 else values.T
         if not np.all(np.isfinite(traces)):
-            raise InputError(file, data.name, "finite numbers", "others (the simulation diverged?)")
+            raise InputError(file, data.name, "finite numbers", "non-finite numbers (the simulation diverged?)")
         dt_s = _number(file, data.attrs.get("SampleInterval", store.attrs.get("dt")), "dt")
         if not dt_s > 0:
             raise InputError(file, "dt", "seconds above zero", f"{dt_s:g}")
@@ -95,15 +95,15 @@ def _opened(file: Path) -> Iterator[h5py.File]:
         elif not file.stat().st_size:
             found = "an empty file"
         else:
-            found = f"one that is cut short ({error})" if h5py.is_hdf5(file) else "another format"
-        raise InputError(file, "file", "a whole gprMax file (HDF5)", found) from None
+            found = f"a truncated file ({error})" if h5py.is_hdf5(file) else "another format"
+        raise InputError(file, "file", "a complete gprMax file (HDF5)", found) from None
     with store:
         try:
             yield store
         except InputError:
             raise
         except DAMAGE as error:
-            raise InputError(file, "file", "a whole gprMax file (HDF5)", f"a damaged one ({error})") from None
+            raise InputError(file, "file", "a complete gprMax file (HDF5)", f"a damaged file ({error})") from None
 
 
 def _number(file: Path, value: Any, place: str) -> float:
@@ -219,7 +219,7 @@ def read_gprmax(
     first = read[0]
     for file, trace in zip(files, read, strict=True):
         if len(files) > 1 and len(trace.traces) > 1:
-            raise InputError(file, "traces", "one a file when several files are given", str(len(trace.traces)))
+            raise InputError(file, "traces", "one trace per file, if there are several files", str(len(trace.traces)))
         same = (trace.traces.shape[1], trace.component) == (first.traces.shape[1], first.component)
         if not same or abs(trace.dt_s / first.dt_s - 1) > 1e-9 or abs(trace.start_s - first.start_s) > 1e-15:
             raise InputError(file, "recording", f"{_size_text(first)} as in {files[0].name}", _size_text(trace))
@@ -228,7 +228,7 @@ def read_gprmax(
     if merged and step_m is None:
         raise InputError(files[0], "positions", "--step-m (a merged file lacks positions)", "none")
     if not merged and step_m is not None:
-        raise InputError(files[0], "--step-m", "a merged B-scan", "files that say their positions")
+        raise InputError(files[0], "--step-m", "a merged B-scan", "files with positions")
     positions_m = start_m + np.arange(len(traces)) * (step_m or 0.0) if merged else _positions_m(files, read)
     steps = np.diff(positions_m)
     even = len(steps) > 0 and bool(np.all(np.abs(steps - steps.mean()) < 1e-3 * steps.mean()))
@@ -338,17 +338,17 @@ def _positions_m(files: list[Path], read: list[GprMaxTraces]) -> Float[np.ndarra
     points = np.stack([trace.midpoint_m for trace in read if trace.midpoint_m is not None])
     length_m = float(np.linalg.norm(points[-1] - points[0]))
     if len(points) < 2 or length_m == 0:
-        raise InputError(files[0], "positions", "files of at least 2 traces in different places", str(len(points)))
+        raise InputError(files[0], "positions", "at least 2 traces at different positions", str(len(points)))
     direction = (points[-1] - points[0]) / length_m
     along: np.ndarray = points @ direction
     off_m = np.linalg.norm(points - points[0] - np.outer(along - along[0], direction), axis=1)
     worst = int(np.argmax(off_m))
     if off_m[worst] > 1e-3 * length_m + 1e-6:
-        raise InputError(files[worst], "position", "midpoints in a line", f"{off_m[worst]:g} m off it")
+        raise InputError(files[worst], "position", "midpoints on a line", f"{off_m[worst]:g} m off it")
     back = np.flatnonzero(np.diff(along) <= 0)
     if back.size:
         found = f"{along[back[0] + 1]:g} m after {along[back[0]]:g} m"
-        raise InputError(files[back[0] + 1], "position", "positions that rise with the number of the file", found)
+        raise InputError(files[back[0] + 1], "position", "positions that increase with the file number", found)
     return along
 
 

@@ -73,7 +73,7 @@ def import_grounded(
     positions_m = _positions_m(folder / "run_UTM_point.npy", points)
     motion_m = np.gradient(positions_m.mean(axis=1), axis=0)
     if not np.any(motion_m):
-        raise InputError(folder / "run_UTM_point.npy", "positions", "a vehicle that moves", "one that stands still")
+        raise InputError(folder / "run_UTM_point.npy", "positions", "a vehicle that moves", "a stationary vehicle")
     flipped = _is_right_to_left(folder, positions_m, motion_m)
     if flipped:
         positions_m = positions_m[:, ::-1]
@@ -120,7 +120,7 @@ def _load(path: Path, axes: str) -> np.ndarray:
     except OSError as error:
         raise InputError(path, "file", "a readable file", error.strerror or str(error)) from None
     except (ValueError, EOFError):
-        found = "one that is cut short or another format"
+        found = "a truncated file or another format"
         raise InputError(path, "file", f"a whole NumPy file of {axes}", found) from None
     if not isinstance(array, np.ndarray) or array.ndim != 3 or 0 in array.shape:
         raise InputError(path, "shape", f"axes {axes}", f"shape {getattr(array, 'shape', None)}")
@@ -133,7 +133,7 @@ def _positions_m(path: Path, points: np.ndarray) -> Float[np.ndarray, "scan chan
     positions_m = np.asarray(points, dtype=np.float64)
     bad = np.asarray(~np.isfinite(positions_m).all(axis=(1, 2)))
     if np.any(bad):
-        found = f"{np.count_nonzero(bad)} of {len(bad)} scans otherwise, the first is {np.argmax(bad)}"
+        found = f"{np.count_nonzero(bad)} of {len(bad)} scans without, the first is {np.argmax(bad)}"
         raise InputError(path, "positions", "finite eastings and northings", found)
     check_utm(path, "positions", positions_m[..., 0], positions_m[..., 1])
     return positions_m
@@ -151,7 +151,9 @@ def _is_right_to_left(
     length = np.hypot(across[:, 0], across[:, 1])
     if not np.all(length > 0):
         scan = int(np.argmin(length))
-        raise InputError(folder / "run_UTM_point.npy", f"scan {scan}", "channels in a line", "the ends in one place")
+        raise InputError(
+            folder / "run_UTM_point.npy", f"scan {scan}", "channels along a line", "both end channels at one position"
+        )
     vote_m = float(np.sum((motion_m[:, 0] * across[:, 1] - motion_m[:, 1] * across[:, 0]) / length))
     path_m = float(np.sum(np.hypot(motion_m[:, 0], motion_m[:, 1])))
     if abs(vote_m) < 1.0 and abs(vote_m) <= 0.5 * path_m:
@@ -183,7 +185,7 @@ def _array(
     leftward = offsets[..., 1] * forward[:, None, 0] - offsets[..., 0] * forward[:, None, 1]
     y_m = np.median(leftward, axis=0)
     if np.any(np.diff(y_m) >= 0):
-        raise InputError(folder / "run_UTM_point.npy", "channels", "an order from side to side", "another order")
+        raise InputError(folder / "run_UTM_point.npy", "channels", "channels sorted from side to side", "another order")
     return ArrayGeometry(np.median(along, axis=0), y_m, np.zeros(len(y_m)), 0.0)
 
 

@@ -321,7 +321,7 @@ def read_iprb_array(paths: Sequence[str | Path], *, partial: bool = False) -> Pr
     for left, right in itertools.pairwise(order):
         if offsets[right][0] - offsets[left][0] < 1e-4:
             found = f"{offsets[right][0]:g} m in {read[left][1].path.name} too"
-            raise InputError(read[right][1].path, "CH_X_OFFSET", "another place than every other channel", found)
+            raise InputError(read[right][1].path, "CH_X_OFFSET", "an offset that no other channel has", found)
     for i in order[1:]:
         _check_same_recording(read[i][0], read[i][1], first, header)
     whole = min(len(profile.channels) for profile, _ in read)

@@ -127,7 +127,7 @@ def _traces(
             stored = np.atleast_2d(store.trace.raw[:])
             words = {place: np.asarray(store.attributes(place)[:], dtype=np.int64) for place in _TRACE_WORDS}
     except (OSError, RuntimeError, ValueError, IndexError) as error:
-        raise InputError(file, "file", "a whole SEG-Y file", str(error) or type(error).__name__) from None
+        raise InputError(file, "file", "a complete SEG-Y file", str(error) or type(error).__name__) from None
     return stored, words
 
 
@@ -150,7 +150,7 @@ def _binary_header(file: Path, data: bytes, *, partial: bool) -> tuple[str, dict
     if samples < 2:
         raise InputError(file, "binary header, samples a trace", "at least 2", str(samples))
     if extended_headers < 0:
-        raise InputError(file, "binary header, extended text headers", "a number of them", str(extended_headers))
+        raise InputError(file, "binary header, extended text headers", "a number of headers", str(extended_headers))
     before = _TEXT_BYTES + _BINARY_BYTES + _TEXT_BYTES * (extended_headers if major >= 1 else 0)
     trace_bytes = _TRACE_HEADER_BYTES + samples * _FORMATS[codes[order]][0]
     whole, cut = count_traces(file, len(data) - before, trace_bytes, said=None, partial=partial)
