@@ -8,7 +8,7 @@ SOURCES := pyproject.toml constraints.txt README.md LICENSE $(shell find lgprjax
 # gprMax (GPL) is an outside program in an environment of its own. Its wheels are for Python 3.11 to 3.13.
 GPRMAX := .venv-gprmax
 
-.PHONY: demo test lint types docs validation campaign coverage gprmax mutants clean
+.PHONY: demo test lint types docs pictures validation campaign coverage gprmax mutants clean
 
 demo: $(VENV)/.wheel
 	$(BIN)/lgprjax demo --output out/demo
@@ -57,6 +57,10 @@ types: $(VENV)/.lint $(VENV)/.test
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "site: build/site/index.html"
+
+# Every picture of docs/pictures with fixed seeds; NAME chooses some. Radargrams of real ground need LGPRJAX_REAL_DATA.
+pictures: $(VENV)/.test
+	$(BIN)/python -m pictures $(NAME)
 
 $(VENV)/.venv:
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v[0]}.{v[1]}: make PYTHON=python3.12 ...")'

@@ -115,7 +115,7 @@ class Bench:
             _say(f"not measured: {line}")
 
     def _write(self, measured: Measured) -> None:
-        from benchmarks import records_as_json
+        from benchmarks.records import date_and_commit, records_as_json
         from lgprjax.cli.figures import write_figures
 
         if self.json is None:
@@ -123,6 +123,7 @@ class Bench:
         figures = {
             "machine": measured.machine,
             "command": f"python -m benchmarks {self.name}" + (" --device gpu" if self.device == "gpu" else ""),
+            **date_and_commit(),
             "quick": self.quick,
             **measured.more,
             "records": loads(records_as_json(measured.records)),

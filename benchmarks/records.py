@@ -4,10 +4,13 @@ import json
 import math
 import os
 import platform
+import subprocess
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from time import gmtime, strftime
 from typing import Any, Literal, NamedTuple
 
 from benchmarks.process import PeerResult, results_as_json
@@ -53,8 +56,8 @@ def text_table(records: Sequence[Record]) -> str:
 
 
 def markdown_table(records: Sequence[Record]) -> str:
-    """The same as a markdown table."""
-    rows = [HEADER, ("---",) * len(HEADER), *(_row(record) for record in records)]
+    """The same as a markdown table; a goal that is not met is bold."""
+    rows = [HEADER, ("---",) * len(HEADER), *(_row(record, missed="**no**") for record in records)]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |\n" for row in rows)
 
 
@@ -74,16 +77,16 @@ def records_as_json(records: Sequence[Record]) -> str:
 
 
 def kept_text(command: str, records: Sequence[Record], *, quick: bool = False, **more: object) -> str:
-    """What a measuring program keeps, as ``read_records`` reads it: its command, the machine, its records, and more."""
+    """Text of a record file, as ``read_records`` reads it: command, date, commit, machine, records, and more."""
     rows = json.loads(records_as_json(records))
-    told = {"command": command, "machine": machine_line(), "quick": quick, "records": rows, **more}
+    told = {"command": command, **date_and_commit(), "machine": machine_line(), "quick": quick, "records": rows, **more}
     return json.dumps(told, indent=1, allow_nan=False) + "\n"
 
 
-def _row(record: Record) -> tuple[str, ...]:
+def _row(record: Record, missed: str = "no") -> tuple[str, ...]:
     sign = "≥" if record.direction == "higher" else "≤"
     goal = "" if record.goal is None else f"{sign} {record.goal:.4g}"
-    met = {None: "", True: "yes", False: "no"}[record.met]
+    met = {None: "", True: "yes", False: missed}[record.met]
     return (record.key, f"{record.value:.4g}", record.unit, goal, met, record.note)
 
 
@@ -301,9 +304,19 @@ def _peer_row(entry: Ran) -> tuple[str, ...]:
     )
 
 
-# What a measurement ran on: one line, so that no figure stands without it.
+# When and on what a measurement ran.
 
 _PACKAGES = ("numpy", "jax", "numba", "evosax", "pyswarms")
+
+
+def date_and_commit() -> dict[str, str]:
+    """Date (UTC) and commit of the measured source; without the commit outside of a repository."""
+    found = {"date": strftime("%Y-%m-%d", gmtime())}
+    with suppress(OSError, subprocess.CalledProcessError):
+        command = ["git", "describe", "--always", "--dirty"]
+        done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+        found["commit"] = done.stdout.strip()
+    return found
 
 
 def machine_line() -> str:

@@ -18,7 +18,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from benchmarks.__main__ import Name
-from benchmarks.page import filled_page
+from benchmarks.page import ABOUT, filled_page, record_pages
 from benchmarks.records import Record
 from formats.mcap_sample import curved_fixes, write_curved
 from formats.samples import write_dt1
@@ -28,6 +28,7 @@ from lgprjax.simulation import read_site
 from runtime.display.browser import open_tab
 from shown_commands import HOW_TO, TUTORIAL, follow, marked_blocks, python_of
 from validation.worlds.table import markdown_of, read_figures
+from word_checks import idioms_in, sentences_of
 
 _ROOT = Path(__file__).parents[1]
 _PAGES = sorted([*(_ROOT / "docs").glob("*.md"), *_ROOT.glob("*.md"), *_ROOT.glob("[a-z]*/README.md")])
@@ -51,6 +52,20 @@ def test_links_lead_to_files_and_headings() -> None:
             if anchor:
                 headings = map(_anchor, _HEADING.findall(target.read_text(encoding="utf-8")))
                 assert anchor in headings, f"{page.name}: {link}"
+
+
+def test_pages_are_short_and_plain() -> None:
+    """Limits that were set for the documentation: words, idioms (``word_checks``), pictures."""
+    texts = {page: page.read_text(encoding="utf-8") for page in _PAGES}
+    for page, text in texts.items():
+        idioms = idioms_in(text)
+        assert len(idioms) <= 0.03 * len(sentences_of(text)), (page, idioms)
+        assert len(text.split()) <= 3000, page
+    of_docs = [text for page, text in texts.items() if page.parent.name == "docs"]
+    assert sum(len(text.split()) for text in of_docs) <= 45_000
+    assert len(texts[_ROOT / "README.md"].splitlines()) <= 130
+    pictures = {name for text in of_docs for name in re.findall(r"!\[[^\]]+\]\(pictures/([^)]+)\)", text)}
+    assert len(pictures) >= 30
 
 
 def _lines_of_a_drive(drive: Path, folder: Path) -> None:
@@ -129,17 +144,101 @@ def test_records_are_those_of_a_benchmark_and_say_whether_goals_are_met() -> Non
             assert record.met == kept["met"], path
 
 
-def test_the_tables_of_the_page_are_those_of_the_records() -> None:
+def test_the_targets_of_the_page_are_those_of_the_records() -> None:
     """``python -m benchmarks.page`` writes them."""
     page = (_ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
-    assert page.count("<!-- end -->") >= 3
+    assert page.count("](records/") >= 13
     assert filled_page(page, _ROOT / "docs" / "records") == page
 
 
+def _told(path: Path) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return told
+
+
+def test_every_record_has_a_page_with_all_of_its_figures() -> None:
+    folder = _ROOT / "docs" / "records"
+    pages = record_pages(folder)
+    paths = sorted(folder.glob("*.json"))
+    assert set(pages) == {"index.md", *(path.with_suffix(".md").name for path in paths)}
+    for path in paths:
+        told, page = _told(path), pages[f"{path.stem}.md"]
+        assert path.stem in ABOUT
+        assert f"({path.stem}.md)" in pages["index.md"]
+        for fact in ("command", "date", "commit", "machine"):
+            assert str(told.get(fact, "not recorded")) in page
+        sections = dict(re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
+        by_key, (head, *rows) = _cells(sections.get("Figures", "")), _cells(sections.get("Figures by condition", "|"))
+        shown = {key: f"**{value}**" if met == "**no**" else value for key, value, _, _, met, _ in by_key}
+        for condition, *cells in rows:
+            for name, cell in zip(head[1:], cells, strict=True):
+                # With and without a unit behind the last comma.
+                shown |= dict.fromkeys((f"{condition}: {name}", f"{condition}: {name.rpartition(',')[0]}"), cell)
+        for record in told["records"]:
+            cell, value = shown[record["key"]], record["value"]
+            assert ("**" in cell) is (record["met"] is False), record["key"]
+            if value is not None:
+                assert float(cell.strip("*")) == pytest.approx(value, rel=6e-3), record["key"]
+
+
+def _cells(table: str) -> list[list[str]]:
+    """Rows of the tables in a text, without the lines below their heads."""
+    lines = [line for line in table.splitlines() if line.startswith("|") and not line.startswith("| ---")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_a_page_of_a_record_marks_what_misses_and_what_was_not_recorded(tmp_path: Path) -> None:
+    figures = [("speed", 3.0, 4.0, False), ("share", 5.0, 4.0, True), ("load", None, None, None)]
+    records = [
+        {"key": key, "value": value, "unit": "m/s", "direction": "higher", "goal": goal, "note": "", "met": met}
+        for key, value, goal, met in figures
+    ]
+    path = tmp_path / "some-runs.json"
+    path.write_text(json.dumps({"machine": "2 cores", "quick": True, "records": records}), encoding="utf-8")
+    page = record_pages(tmp_path)["some-runs.md"]
+    assert page.startswith("# Some runs\n")
+    assert "- Date: not recorded\n- Commit: not recorded\n- Machine: 2 cores\n" in page
+    assert "| speed | ≥ 4 m/s | **0 of 1** | **3 m/s** |" in page
+    assert "| share | ≥ 4 m/s | 1 of 1 | 5 m/s |" in page
+    assert "| speed | 3 | m/s | ≥ 4 | **no** |  |" in page
+    assert "few repetitions" in page
+    row = "| [Some runs](records/some-runs.json) | 1 of 2 | **speed: 3 m/s (≥ 4 m/s)** |"
+    assert row in filled_page("<!-- targets -->\n<!-- end -->", tmp_path)
+    told = json.loads(path.read_text(encoding="utf-8")) | {"date": "2026-01-02", "commit": "abc1234", "quick": False}
+    path.write_text(json.dumps(told), encoding="utf-8")
+    pages = record_pages(tmp_path, {"some-runs": "a table"})
+    assert "| not recorded | 2026-01-02 | abc1234 | 1 | **1** |" in pages["index.md"]
+    assert "## Summary\n\na table\n" in pages["some-runs.md"]
+    assert "few repetitions" not in pages["some-runs.md"]
+
+
 def test_the_tables_of_the_worlds_are_those_of_their_record() -> None:
-    page = (_ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
-    for table in markdown_of(read_figures(_ROOT / "docs" / "records" / "worlds.json")).split("\n\n"):
-        assert table.strip() in page
+    path = _ROOT / "docs" / "records" / "worlds.json"
+    rows = {line.split(" | ")[0].strip("| *"): line for line in markdown_of(read_figures(path)).splitlines()}
+    figures = [each for each in _told(path)["figures"] if each["day"] not in ("impostor", "lookalike")]
+    assert len(figures) > 150
+    for each in figures:
+        assert f"| {100 * each['ok'] / each['scans']:.1f} |" in rows[str(each["world"])]
+    clear = [each["pieces"] for each in figures if each["day"] == "clear"]
+    assert rows["clear"].endswith(f"0 of {sum(clear)} |")
+
+
+def test_the_bounds_on_wrong_fixes_are_those_of_the_records() -> None:
+    """``docs/accuracy.md``: none wrong of N, and 3/N."""
+    page = (_ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
+    figures = _told(_ROOT / "docs" / "records" / "worlds.json")["figures"]
+    drives = _told(_ROOT / "docs" / "records" / "closed-loop.json")["drives"]
+    own = [each for each in figures if each["day"] not in ("impostor", "lookalike")]
+    for counted, wrong in (
+        (sum(each["pieces"] for each in own), sum(each["wrong"] for each in own)),
+        (sum(each["pieces"] for each in own if each["day"] == "clear"), 0),
+        (sum(each["pieces"] for each in figures if each["day"] == "impostor"), 0),
+        (int(sum(each["way_m"] for each in drives) / 4.0), sum(each["wrong_fixes"] for each in drives)),
+        (int(sum(each["way_m"] for each in drives if each["name"] == "clear") / 4.0), 0),
+    ):
+        (bound,) = set(re.findall(rf"\| {wrong} \| {counted:,} \| ([\d.]+) % \|", page))
+        assert float(bound) == pytest.approx(300.0 / counted, rel=0.03)
+    assert not any(each["ok"] for each in figures if each["day"] == "impostor")
 
 
 def test_the_filter_of_the_page_moves_as_it_says(capsys: pytest.CaptureFixture[str]) -> None:
@@ -260,6 +359,19 @@ def test_no_page_of_the_site_loads_from_another_host(site: Path) -> None:
         assert "mermaid" not in loaded.classes, page
     for style in site.rglob("*.css"):
         assert re.findall(r"(?:@import|url\()\s*[\"']?(?:\w+:)?//", style.read_text(encoding="utf-8")) == [], style
+
+
+def test_records_are_pages_that_performance_leads_to(site: Path) -> None:
+    performance = (site / "performance.html").read_text(encoding="utf-8")
+    for path in (_ROOT / "docs" / "records").glob("*.json"):
+        assert f'href="records/{path.stem}.html"' in performance
+        page = (site / "records" / f"{path.stem}.html").read_text(encoding="utf-8")
+        assert f'href="{path.name}"' in page
+        assert (site / "records" / path.name).is_file()
+    worlds = (site / "records" / "worlds.html").read_text(encoding="utf-8")
+    days, _ = markdown_of(read_figures(_ROOT / "docs" / "records" / "worlds.json")).split("\n\n")
+    for line in days.splitlines()[2:]:
+        assert all(f">{cell}</td>" in worlds for cell in line.strip("| ").split(" | ") if cell)
 
 
 def test_notebooks_are_pages_with_their_pictures(site: Path) -> None:

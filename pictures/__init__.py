@@ -1,0 +1,1 @@
+"""Pictures of the documentation: ``python -m pictures`` draws them all, ``python -m pictures NAME`` some of them."""
