@@ -300,6 +300,10 @@ _CELL_M, _NEAR_M = 1.0, 16.0
 _PLANNED = ("sigma_cross_m", "speed_mps", "wanted_mps", "cross_track_m", "to_go_m", "code", "reaction")
 
 
+_HOLE_S = 1.0
+"""Scans between poses farther apart have no place, in a run that only records."""
+
+
 class RecordedTracks(NamedTuple):
     """What a run that only records has in place of a map: tracks from the messages of its receiver, in seconds since
     the run's clock, and facts of the array that its radar does not state.
@@ -343,10 +347,14 @@ class RunTracks:
         self.odometry = OdometryTrack(self.seconds_of(signals.box_ns), signals.travel_m)
         self.vehicle = self._vehicle()
         if isinstance(source, RecordedTracks):
-            self.navigation, self.plan = source.navigation, None
-            self.odometry = self.odometry if len(signals.box) > 1 else source.odometry
+            self.navigation, self.plan, self._longest_s = source.navigation, None, _HOLE_S
+            # An odometer that fell silent would end the drive there.
+            box_s, nav_s = self.odometry.time_s, self.navigation.time_s
+            whole = len(box_s) > 1 and box_s[0] < nav_s[0] + _HOLE_S and box_s[-1] > nav_s[-1] - _HOLE_S
+            self.odometry = self.odometry if whole else source.odometry
         else:
             self.navigation, self.plan = self._navigation(source, position_sigma_m), self._plan(source)
+            self._longest_s = np.inf
         self.seconds = float(self.navigation.time_s[-1] - self.navigation.time_s[0])
 
     def seconds_of(self, times_ns: np.ndarray) -> Float[np.ndarray, " row"]:
@@ -358,7 +366,9 @@ class RunTracks:
         time_s = self.seconds_of(self._signals.scan_ns)
         first = max(self.navigation.time_s[0], self.odometry.time_s[0])
         last = min(self.navigation.time_s[-1], self.odometry.time_s[-1])
-        return np.asarray(self._signals.scan_kept & (time_s >= first) & (time_s <= last))
+        after = np.clip(np.searchsorted(self.navigation.time_s, time_s), 1, len(self.navigation.time_s) - 1)
+        near = np.diff(self.navigation.time_s)[after - 1] <= self._longest_s
+        return np.asarray(self._signals.scan_kept & (time_s >= first) & (time_s <= last) & near)
 
     def _navigation(self, source: MapFile, position_sigma_m: float) -> NavigationTrack:
         prior, frame = self._signals.prior, source.description.frame

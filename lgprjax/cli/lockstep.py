@@ -263,7 +263,8 @@ class LockStep:
             self._registration.put(pack(record))
             radar.take(frame)
             if frame.name not in SCAN_MESSAGES:
-                self._said.take(frame)
+                if not (self._records and self._said.complete):
+                    self._said.take(frame)
             elif self._records:
                 head = json.dumps({"scans": 1}).encode()
                 self._came.append(Record(RecordKind.EVENT, Source.REGISTRATION, 0, arrival.mono_ns, head))

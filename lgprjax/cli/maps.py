@@ -1,5 +1,6 @@
 """``lgprjax map``: build, describe, verify, refine and update maps of the ground."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -416,12 +417,19 @@ def _drive_of(path: Path) -> Path:
     config = config_of_run(path)
     if config.coverage is not None:
         raise InputError(path, "run", "a run with radar", "a run of a field plan, without radar")
-    output = path / f"{config.name}.drive.h5"
-    if not output.exists():
+    output, reading = path / f"{config.name}.drive.h5", read_run(path)
+    written_s = max((segment.stat().st_mtime for segment in path.glob("*.lgprun")), default=0.0)
+    if reading.summary.end is None and time.time() - written_s < _STILL_S:
+        raise InputError(path, "run", "a run that has ended", "a run that is still recording")
+    if not output.exists() or output.stat().st_mtime < written_s:
         with working(f"writing {output}"):
-            drive = drive_of_run(read_run(path), config, output)
+            drive = drive_of_run(reading, config, output, force=True)
         say(f"wrote {output}: {drive.seconds:.1f} s, {drive.scans} scans")
     return output
+
+
+_STILL_S = 5.0
+"""A recorder writes more often."""
 
 
 @dataclass(frozen=True)

@@ -102,6 +102,7 @@ class Run:
             raise InputError(config.file, "simulation", expected, "a table")
         if config.mode == "drive" and config.coverage is None and not config.path(config.map).is_file():
             raise InputError(config.file, "map", "an existing map", str(config.path(config.map)))
+        _check_recordable(config)
         folder = run_folder(config)
         return _drive(self._resumed(config, folder), folder, self.for_s)
 
@@ -202,11 +203,15 @@ class Run:
         if table is None:
             raise InputError(self.config, "simulation", "a table with the simulated devices", "none")
         check_before(config, table)
+        _check_recordable(config)
         field, records = config.coverage is not None, config.mode == "record"
         if records and self.for_s is None:
             raise UsageError("--for-s: a simulated run that only records needs its duration in seconds")
         if not records:
-            with working("creating the plan" if field else "creating course, map and route"):
+            making = "creating the plan" if field else "creating course, map and route"
+            # A first map takes minutes, and a terminal without colours shows no progress.
+            say(making)
+            with working(making):
                 (prepare_field if field else prepare_course)(config, table)
         folder = run_folder(config)
         config = self._resumed(config, folder)
@@ -230,7 +235,7 @@ class Run:
             if not field:
                 _write_drive(driven, folder)
         if records:
-            return 0
+            return 0 if (folder / f"{config.name}.drive.h5").is_file() else BAD_INPUT
         with working("evaluating the run"):
             if field:
                 figures = field_figures(folder, driven)
@@ -271,6 +276,26 @@ class Run:
         if config.coverage is None:
             _write_drive(driven, folder)
         return driven
+
+
+def _check_recordable(config: "RuntimeConfig") -> None:
+    """Check before a first drive what its drive log needs, while there is time to correct it.
+
+    Raises:
+        InputError: the vehicle file cannot be used, or the place of the channels is in neither file.
+    """
+    from lgprjax.formats import read_vehicle
+
+    if config.mode != "record":
+        return
+    array = read_vehicle(config.path(config.vehicle)).array if config.vehicle else None
+    if config.ports.radar is None:
+        return
+    if array is not None and (array.x_m is None or array.height_m is None):
+        raise InputError(config.path(config.vehicle), "array", "x_m and height_m", "none")
+    if config.radar.channel_pitch_m is None and (array is None or array.channel_y_m is None):
+        expected = "the spacing of the channels, or array.channel_y_m in the vehicle file"
+        raise InputError(config.file, "radar.channel_pitch_m", expected, "none")
 
 
 def _written(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":
@@ -330,7 +355,7 @@ def _require_packages(needed: Sequence[str]) -> None:
     """Raise ``InputError`` if a package of the runtime is missing."""
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
-        extra = 'the packages of the extra onboard (pip install "lgprjax[onboard]")'
+        extra = 'the packages of the extra onboard (pip install ".[onboard]")'
         raise InputError("lgprjax run", "packages", extra, f"no {', '.join(missing)}")
 
 
@@ -343,7 +368,9 @@ def run_folder(config: "RuntimeConfig") -> Path:
 def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
     status = _supervised(config, folder, for_s)
     if config.coverage is None and not status:
-        _write_drive(config, folder)
+        written = _write_drive(config, folder)
+        # A recording without its drive log is not what was asked for.
+        return BAD_INPUT if config.mode == "record" and not written else 0
     return status
 
 
@@ -373,23 +400,27 @@ def _supervised(
         ending.cancel()
 
 
-def _write_drive(config: "RuntimeConfig", folder: Path) -> None:
-    """Write the run as a drive log in its folder; a failure is reported, the recording is kept."""
+def _write_drive(config: "RuntimeConfig", folder: Path) -> bool:
+    """Write the run as a drive log in its folder; a failure is reported, the recording is kept.
+
+    Returns whether it was written.
+    """
     from lgprjax.formats import read_run
     from lgprjax.runtime.drive_log import drive_of_run
 
     output = folder / f"{config.name}.drive.h5"
     try:
         with working(f"writing {output}"):
-            drive = drive_of_run(read_run(folder), config, output)
+            drive = drive_of_run(read_run(folder), config, output, force=True)
     except InputError as error:
         say(f"no drive log: {error}; retry with lgprjax recover")
-        return
+        return False
     written = f"wrote {output}: {drive.seconds:.1f} s, {drive.scans} scans"
     if config.mode == "record":
         verdict(written, f"map build {output} -o M.map.h5" if drive.scans else f"check {output}")
     else:
         say(written)
+    return True
 
 
 def _preflight(config: "RuntimeConfig") -> int:

@@ -6,7 +6,7 @@ Poses of a run on a map are those fused during it; of a run that only recorded t
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -39,21 +39,26 @@ from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.cart import smoothed_parts
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition, Senses
+from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.vehicle import VehiclePose
 
 _SIGMA_HEIGHT, _SIGMA_ROLL_DEG = 2.0, 0.2
 """Of heights in sigmas of positions, and of roll: no message states them."""
 _UNSURE_RAD = math.radians(5.0)
-"""A heading whose receiver states more is none."""
+"""A heading of which the receiver states a larger sigma is not used."""
 _MOVING_MPS = 0.1
 _PIECE, _AHEAD = 8_192, 2_048
 """Ticks that are smoothed at once, and those after them that are looked at as well: 164 s and 41 s."""
 _EVERY = 5
 """Of the ticks, one in so many becomes a pose: ten a second."""
-_GYRO_SHARE = 0.95
-_SIDE_NOISE = 0.1
+_SIDE_NOISE = 0.5
 """Random walk across the body axis, m/√s, of a vehicle whose steering is not known yet."""
 _LONGEST_STEP_S = 0.5
+"""A longer pause or silence of the gyro parts a drive: its turn is not known."""
+
+
+Column: TypeAlias = Any
+"""Numbers of ticks: of NumPy on the host, traced in the compiled smoother."""
 
 
 class _Poses(NamedTuple):
@@ -119,7 +124,7 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
     """Poses of the body origin ten times per second, and the travel along them.
 
     With a gyro and headings of the receiver, positions, headings, turn rates and odometry go through the navigation
-    filter of the vehicle and its smoother (``navigation.filter_drive``, ``smooth_estimates``). Without them the
+    filter of the vehicle and its smoother (``navigation.step_filter``, ``smooth_estimates``). Without them the
     positions alone are smoothed from both ends, as of a cart (``navigation.smooth_cart``).
 
     Args:
@@ -151,51 +156,89 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
     return tracks._replace(channel_pitch_m=radar.channel_pitch_m, centre_frequency_hz=frequency_hz)
 
 
+class _Ticks(NamedTuple):
+    """Inputs of the filter over ticks. Flags are 0 or 1; the yaw rate is NaN while the gyro is silent."""
+
+    step_s: Column
+    yaw_rate_radps: Column
+    fix: Column
+    x_m: Column
+    y_m: Column
+    fix_m2: Column
+    fix_age_s: Column
+    heading: Column
+    yaw_rad: Column
+    yaw_rad2: Column
+    yaw_age_s: Column
+    odometer: Column
+    speed_mps: Column
+    speed_m2ps2: Column
+
+    def part(self, chosen: slice) -> "_Ticks":
+        """Some of the ticks."""
+        return _Ticks(*(values[chosen] for values in self))
+
+
 class _Sensed(NamedTuple):
-    """What the lines said: positions and attitudes, and the inputs of the filter in each tick of the run.
+    """What the lines said: positions and attitudes, both with rising times, and the inputs of each tick.
 
     Attributes:
         frame: anchored at the first position.
-        places: rising times; attitudes: likewise.
-        tick_ns: of each tick.
-        numbers: of each tick: length, yaw rate, then value, variance, age and validity of position (two values),
-            heading and odometer.
+        places, attitudes: of the receiver.
+        tick_ns: when each tick began; ticks: its inputs.
     """
 
     frame: LocalFrame
     places: list[LocalPosition]
     attitudes: list[LocalAttitude]
     tick_ns: Int[np.ndarray, " tick"]
-    numbers: Float[np.ndarray, "tick 14"]
+    ticks: _Ticks
 
     @classmethod
     def of(cls, reading: RunReading, config: RuntimeConfig) -> "_Sensed":
-        frame = _frame_of(reading, config)
-        senses = Senses(frame, config.sensors)
+        frame, sensors = _frame_of(reading, config), config.sensors
+        senses = Senses(frame, sensors)
         places: list[LocalPosition] = []
         attitudes: list[LocalAttitude] = []
-        times, rows = [], []
-        heading_rad2 = math.radians(config.sensors.heading_sigma_deg) ** 2
-        odometer_m2ps2 = config.sensors.odometer_sigma_mps**2
+        times: list[int] = []
+        rows: list[tuple[float, ...]] = []
+        white_rad2 = math.radians(sensors.heading_sigma_deg) ** 2
+        least_rad2 = math.radians(sensors.heading_slow_deg) ** 2
+
+        def end_tick(now_ns: int) -> None:
+            tick = senses.end_tick(now_ns)
+            place, turned, mps = tick.place, tick.attitude, tick.odometer_mps
+            fix, heading = (0.0, 0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 0.0)
+            if place is not None and (not places or place.time_ns > places[-1].time_ns):
+                places.append(place)
+                fix = (1.0, place.x_m, place.y_m, place.reported_m**2, (now_ns - place.time_ns) / 1e9)
+            if turned is not None and not turned.sigma_yaw_rad > _UNSURE_RAD:
+                attitudes.append(turned)
+                stated = turned.sigma_yaw_rad if math.isfinite(turned.sigma_yaw_rad) else 0.0
+                # A slow error is the same in every message: as in the vehicle's own filter it counts as white noise of
+                # the same weight over its correlation time.
+                slow_rad2 = 2.0 * sensors.heading_slow_s / TICK_S * max(least_rad2, stated**2 - white_rad2)
+                heading = (1.0, turned.yaw_rad, white_rad2 + slow_rad2, (now_ns - turned.time_ns) / 1e9)
+            known = math.isfinite(mps)
+            odometer = (1.0, mps, sensors.odometer_sigma_mps**2) if known else (0.0, 0.0, 1.0)
+            times.append(now_ns)
+            rows.append((tick.step_s, tick.yaw_rate_radps, *fix, *heading, *odometer))
+
+        begun_ns: int | None = None
         for record in _records(reading):
             if record.kind is RecordKind.PORT_IN and record.source in (Source.GNSS, Source.DRIVE_BY_WIRE):
                 senses.take(record)
             elif record.kind is RecordKind.TICK:
-                tick, now_ns = senses.end_tick(record.mono_ns), record.mono_ns
-                place, turned, mps = tick.place, tick.attitude, tick.odometer_mps
-                fix, heading = (0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
-                if place is not None and (not places or place.time_ns > places[-1].time_ns):
-                    places.append(place)
-                    fix = (place.x_m, place.y_m, place.reported_m**2, (now_ns - place.time_ns) / 1e9, 1.0)
-                if turned is not None and not turned.sigma_yaw_rad > _UNSURE_RAD:
-                    attitudes.append(turned)
-                    heading = (turned.yaw_rad, heading_rad2, (now_ns - turned.time_ns) / 1e9, 1.0)
-                odometer = (mps, odometer_m2ps2, 1.0) if math.isfinite(mps) else (0.0, 1.0, 0.0)
-                times.append(now_ns)
-                rows.append((tick.step_s, tick.yaw_rate_radps, *fix, *heading, *odometer))
+                # The messages of a tick follow it in the recording.
+                if begun_ns is not None:
+                    end_tick(begun_ns)
+                begun_ns = record.mono_ns
+        if begun_ns is not None:
+            end_tick(begun_ns)
         if len(places) < 2:
             raise InputError(reading.folder, "GNSS messages", "at least two positions", str(len(places)))
-        return cls(frame, places, attitudes, np.array(times, np.int64), np.array(rows, np.float64))
+        ticks = _Ticks(*np.array(rows, np.float64).T)
+        return cls(frame, places, attitudes, np.array(times, np.int64), ticks)
 
 
 def _records(reading: RunReading) -> Iterator[Record]:
@@ -221,38 +264,62 @@ def _frame_of(reading: RunReading, config: RuntimeConfig) -> LocalFrame:
 
 
 def _by_filter(sensed: _Sensed, vehicle: VehicleFile | None, lever: tuple[float, float]) -> _Poses | None:
-    """Smoothed by the vehicle's filter; ``None`` where the receiver has no gyro or no headings."""
-    numbers = sensed.numbers
-    known = np.flatnonzero((numbers[:, _AT_FIX] > 0.5) & (numbers[:, _AT_HEADING] > 0.5))
-    first = int(known[0]) if len(known) else len(numbers)
-    used, times = numbers[first:].copy(), sensed.tick_ns[first:]
-    gyro = np.isfinite(used[:, 1])
-    if not len(used) or np.mean(gyro) < _GYRO_SHARE:
-        return None
-    used[:, 1] = np.interp(np.arange(len(used)), np.flatnonzero(gyro), used[gyro, 1])
-    # Across a pause of the control process the filter would run on; it is short, or the drive ends there.
-    used[:, 0] = np.minimum(used[:, 0], _LONGEST_STEP_S)
+    """Smoothed by the vehicle's filter, stretch by stretch; ``None`` where the receiver has no gyro or no headings."""
     model = _model_of(vehicle, lever)
-    x, y = body_to_local(used[:1, 2], used[:1, 3], used[:1, 7], -lever[0], -lever[1])
-    pose = VehiclePose(*(jnp.float32(float(value)) for value in (x[0], y[0], used[0, 7])))
-    state = init_filter(model, pose, jnp.float32(0.0))
+    stretches = [(sensed.ticks.part(part), sensed.tick_ns[part]) for part in _stretches(sensed.ticks)]
+    found = [_filtered(ticks, tick_ns, model, lever) for ticks, tick_ns in stretches]
+    parts = [poses for poses in found if poses is not None]
+    return _Poses(*(np.concatenate(values) for values in zip(*parts, strict=True))) if parts else None
+
+
+def _stretches(ticks: _Ticks) -> Iterator[slice]:
+    """Ticks without a pause of the control process or a silence of the gyro: nobody knows how far it turned then."""
+    silent = ~np.isfinite(ticks.yaw_rate_radps)
+    begins = np.flatnonzero(np.diff(silent, prepend=not silent[0]))
+    dropped = np.zeros(len(silent), bool)
+    for begin, end in zip(begins, [*begins[1:], len(silent)], strict=True):
+        if silent[begin] and ticks.step_s[begin:end].sum() > _LONGEST_STEP_S:
+            dropped[begin:end] = True
+    breaks = dropped | (ticks.step_s > _LONGEST_STEP_S)
+    edges = np.flatnonzero(breaks)
+    for begin, end in zip([0, *edges + dropped[edges]], [*edges, len(silent)], strict=True):
+        if end - begin > 1:
+            yield slice(int(begin), int(end))
+
+
+def _filtered(
+    ticks: _Ticks, tick_ns: Int[np.ndarray, " tick"], model: FilterModel, lever: tuple[float, float]
+) -> _Poses | None:
+    """A stretch from the first position and heading on; ``None`` without them."""
+    fixes, turns, rated = (np.flatnonzero(of) for of in (ticks.fix, ticks.heading, np.isfinite(ticks.yaw_rate_radps)))
+    if not (len(fixes) and len(turns) and len(rated)):
+        return None
+    first = int(max(fixes[0], turns[0]))
+    at_fix, at_turn = (int(each[each <= first][-1]) for each in (fixes, turns))
+    yaw = ticks.yaw_rad[at_turn]
+    at, turned = np.array([ticks.x_m[at_fix], ticks.y_m[at_fix]]), np.array([yaw])
+    # From the antenna back to the body origin.
+    x, y = body_to_local(at[:1], at[1:], turned, -lever[0], -lever[1])
+    start = VehiclePose(*(jnp.float32(float(value)) for value in (x[0], y[0], yaw)))
+    # A slow gyro is silent in some ticks.
+    rate = np.interp(np.arange(len(tick_ns)), rated, ticks.yaw_rate_radps[rated])
+    # The first tick of a stretch may end a pause.
+    step_s = np.minimum(ticks.step_s, _LONGEST_STEP_S)
+    used, times = ticks._replace(step_s=step_s, yaw_rate_radps=rate).part(slice(first, None)), tick_ns[first:]
+    state = init_filter(model, start, jnp.float32(0.0))
     parts: list[_Poses] = []
-    for begin in range(0, len(used), _PIECE):
-        part = used[begin : begin + _PIECE + _AHEAD].astype(np.float32)
+    for begin in range(0, len(times), _PIECE):
+        part = used.part(slice(begin, begin + _PIECE + _AHEAD))
         # Ticks of no length, in which nothing is observed, change nothing.
-        padded = np.zeros((_PIECE + _AHEAD, part.shape[1]), np.float32)
-        padded[: len(part)] = part
-        smoothed, state = _smoothed(model, state, jnp.asarray(padded))
-        kept = min(_PIECE, len(part))
+        missing = _PIECE + _AHEAD - len(part.step_s)
+        padded = _Ticks(*(jnp.asarray(np.pad(values, (0, missing)), jnp.float32) for values in part))
+        smoothed, state = _smoothed(model, state, padded)
+        kept = min(_PIECE, len(times) - begin)
         mean, variance = (np.asarray(values, np.float64)[:kept:_EVERY] for values in smoothed)
         sigma = np.sqrt(0.5 * (variance[:, 0] + variance[:, 1]))
         columns = (times[begin : begin + kept : _EVERY], *mean[:, :3].T, sigma, np.sqrt(variance[:, 2]))
         parts.append(_Poses(*columns))
     return _Poses(*(np.concatenate(values) for values in zip(*parts, strict=True)))
-
-
-_AT_FIX, _AT_HEADING = 6, 10
-"""Columns of ``_Sensed.numbers`` that say whether there is one."""
 
 
 def _model_of(vehicle: VehicleFile | None, lever: tuple[float, float]) -> FilterModel:
@@ -266,17 +333,17 @@ def _model_of(vehicle: VehicleFile | None, lever: tuple[float, float]) -> Filter
 
 @jax.jit
 def _smoothed(
-    model: FilterModel, state: FilterState, numbers: Float[Array, "tick 14"]
+    model: FilterModel, state: FilterState, ticks: _Ticks
 ) -> tuple[tuple[Float[Array, "tick state"], Float[Array, "tick state"]], FilterState]:
     """Means and variances of a piece and what comes after it, and the filter's state after the piece."""
-    step, rate, x, y, variance, age, fixed, yaw, yaw2, yaw_age, turned, mps, mps2, rolled = numbers.T
-    motions = MotionInput(rate, step)
-    empty = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(step), *leaf.shape)), no_observations())
-    eye = jnp.eye(2, dtype=jnp.float32)[None]
+    motions = MotionInput(ticks.yaw_rate_radps, ticks.step_s)
+    count = len(ticks.step_s)
+    empty = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), no_observations())
+    white_m2 = ticks.fix_m2[:, None, None] * jnp.eye(2, dtype=jnp.float32)[None]
     observations = empty._replace(
-        gnss=GnssObservation(x, y, variance[:, None, None] * eye, age, fixed > 0.5),
-        heading=HeadingObservation(yaw, yaw2, yaw_age, turned > 0.5),
-        odometer=OdometerObservation(mps, mps2, rolled > 0.5),
+        gnss=GnssObservation(ticks.x_m, ticks.y_m, white_m2, ticks.fix_age_s, ticks.fix > 0.5),
+        heading=HeadingObservation(ticks.yaw_rad, ticks.yaw_rad2, ticks.yaw_age_s, ticks.heading > 0.5),
+        odometer=OdometerObservation(ticks.speed_mps, ticks.speed_m2ps2, ticks.odometer > 0.5),
     )
 
     def forward(

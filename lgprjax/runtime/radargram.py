@@ -34,8 +34,13 @@ class LiveColumns:
     def take(self, raw: bytes) -> None:
         """A frame of a scan; an undecodable one is ignored."""
         try:
-            trace = middle_trace(decode(raw))
-        except (ValueError, KeyError):
+            self.add(middle_trace(decode(raw)))
+        except (ValueError, KeyError, IndexError):
+            return
+
+    def add(self, trace: Float[np.ndarray, " sample"]) -> None:
+        """The middle channel of a scan; one without finite samples is ignored."""
+        if not len(trace) or not np.isfinite(trace).all():
             return
         if self._mean is None or len(self._mean) != len(trace):
             self._mean, self._square = trace.copy(), 0.0

@@ -107,6 +107,7 @@ def test_travel_is_that_of_the_odometer_else_of_the_positions() -> None:
 
 def test_a_recorder_that_failed_is_the_mode_that_is_shown() -> None:
     lines = Lines("gnss")
+    assert lines.state["mode"] == "BOOT"
     lines.tell(ready="recorder")
     assert lines.state["mode"] == "RECORD"
     lines.tell(died="recorder")
@@ -131,6 +132,9 @@ def test_the_newest_scan_is_a_column_of_the_page_once() -> None:
     assert column is not None
     assert column.shape == (ROWS,)
     assert np.ptp(column) > 50
+    assert columns.column() is None
+    for odd in (np.zeros(0), np.full(64, np.nan)):
+        columns.add(odd)
     assert columns.column() is None
     board = Board()
     records = [Record(RecordKind.PORT_IN, Source.RADAR, 0, 1, scan(number)) for number in (8, 9)]

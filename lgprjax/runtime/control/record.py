@@ -100,11 +100,12 @@ class RecordCore:
         """For the page and the terminal."""
         place, attitude = self._gnss.place, self._gnss.attitude
         lines = {_LINES[source]: rate.state(now_ns) for source, rate in self._lines.items()}
-        lost = self._processes.get("recorder", "ready") != "ready"
+        recorder = self._processes.get("recorder")
+        mode = "BOOT" if recorder is None else "RECORD" if recorder == "ready" else "RECORD_LOST"
         state: dict[str, Any] = {
             "tick": tick,
             "time_s": now_ns / 1e9,
-            "mode": "RECORD_LOST" if lost else "RECORD",
+            "mode": mode,
             "lines": lines,
             "scans": self._scans,
             "travel_m": self._travel_m,

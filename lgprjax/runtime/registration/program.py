@@ -250,7 +250,7 @@ class RegistrationProcess:
                 self._clock.feed(frame.stamp_us, arrival.mono_ns)
             else:
                 self._queue.take(frame, arrival.mono_ns)
-        else:
+        elif self._started.config.mode == "drive":
             try:
                 self._said.take(frame)
             except ValueError as error:
