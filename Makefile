@@ -72,7 +72,7 @@ $(VENV)/.wheel: $(VENV)/.venv $(SOURCES)
 	@echo "installing lgprjax (the first time fetches its dependencies)"
 	@rm -rf build/wheel
 	PIP_CONSTRAINT=constraints.txt $(PIP) wheel --no-deps --wheel-dir build/wheel .
-	$(PIP) install --constraint constraints.txt build/wheel/lgprjax-*.whl
+	$(PIP) install --constraint constraints.txt "lgprjax[onboard,log] @ file://$(CURDIR)/$$(ls build/wheel/lgprjax-*.whl)"
 	$(PIP) install --no-deps --force-reinstall build/wheel/lgprjax-*.whl
 	@touch $@
 

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from pictures import digest
-from pictures.catalogue import MEASURED, PICTURES, Workshop
+from pictures.catalogue import BROWSED, MEASURED, PICTURES, Workshop
 
 
 def main() -> int:
@@ -39,6 +39,7 @@ def _list() -> int:
 def _draw(names: list[str], output: Path | None) -> int:
     # Imported late: a list needs no JAX.
     from lgprjax.cli.verbs import keep_compiled
+    from pictures.loop import looks_alike
     from pictures.reports import NoDataError
 
     keep_compiled()
@@ -59,7 +60,8 @@ def _draw(names: list[str], output: Path | None) -> int:
                 skipped.append(f"SKIPPED {name}: {error}")
                 print(skipped[-1], file=sys.stderr, flush=True)
                 continue
-            (folder / name).write_bytes(made.read_bytes())
+            if not (name in BROWSED and (folder / name).exists() and looks_alike(made, folder / name)):
+                (folder / name).write_bytes(made.read_bytes())
             drawn[name] = PICTURES[name].sources, sums[name]
             print(f"{name}: {time.monotonic() - begun_s:.1f} s", flush=True)
     if output is None:

@@ -130,6 +130,12 @@ def _closed_loop(shop: Workshop, path: Path) -> None:
     draw_closed_loop(shop.loop, shop.page, path)
 
 
+def _record(shop: Workshop, path: Path) -> None:
+    from pictures.loop import draw_record
+
+    draw_record(shop.site, shop.page, path)
+
+
 PICTURES: dict[str, Picture] = {
     "hero.webp": _of("site", "moving", "draw_hero"),
     "evidence.webp": _of("site", "moving", "draw_evidence"),
@@ -172,6 +178,7 @@ PICTURES: dict[str, Picture] = {
     "worked-probability.png": _of("field", "fields", "draw_worked_probability"),
     "driven-course.png": _of("loop", "loop", "draw_course", "lgprjax/report/drive.py"),
     "closed-loop.png": Picture(_closed_loop, (*LOOP, *PAGE)),
+    "display-record.png": Picture(_record, (*SITE, *PAGE, "lgprjax/runtime/radargram.py")),
     **{f"display-{name}.png": _display(name) for name in ("day", "night", "error", "field")},
 }
 """Every picture that ``make pictures`` draws, by the name of its file."""
@@ -182,5 +189,6 @@ MEASURED = {
 }
 """Pictures of measurements, whose times differ from run to run, and the commands that measure and draw them."""
 
-REAL_DATA = frozenset({"radargram.png"})
-"""Pictures of a real recording, which not every machine has."""
+BROWSED = frozenset({"closed-loop.png", *(name for name in PICTURES if name.startswith("display-"))})
+"""Pictures with the operator's page: a browser paints a pixel of a corner a shade darker or lighter from run to run. A
+picture that differs by no more than that is kept."""

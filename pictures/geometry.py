@@ -107,7 +107,7 @@ def _match(axes: Axes) -> None:
     label(axes, (64.5, 20.5), "best match", background=True)
     label(axes, (80, 35), "= position", align="left", bold=True)
     label(axes, (80, 30.5), "no match:", align="left")
-    label(axes, (80, 26.6), "refused", align="left")
+    label(axes, (80, 26.6), "rejected", align="left")
     axes.set_xlim(0.0, 100.0)
     axes.set_ylim(0.0, 104.0)
 

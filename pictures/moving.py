@@ -168,7 +168,7 @@ class _Hero:
         else:
             self._code.set_text(code)
             self._code.set_fontsize(34.0)
-            self._more.set_text("refused:\nno position")
+            self._more.set_text("rejected:\nno position")
         return _frame(self._figure)
 
 

@@ -121,7 +121,7 @@ def draw_fix_codes(path: Path) -> None:
         good = box(axes, (30, 0.5 * step), (width, height), "ok: a position", colour=GREEN)
         arrow(axes, [past.bottom, good.top])
         label(axes, (34.5, step), "yes")
-        label(axes, (83.5, 0.5 * step + 2.2), "refused: no")
+        label(axes, (83.5, 0.5 * step + 2.2), "rejected: no")
         label(axes, (83.5, 0.5 * step - 2.2), "position")
 
 

@@ -105,7 +105,7 @@ def draw_accuracy_real(path: Path) -> None:
         for label, colour, hatch in (
             ("ok, right", GREEN, ""),
             ("ok, wrong", VERMILLION, "///"),
-            ("refused", "#dddddd", ""),
+            ("rejected", "#dddddd", ""),
         ):
             axes.barh([-10], [0], color=colour, hatch=hatch, edgecolor="white", label=label)
         axes.set_ylim(-0.6, len(names) - 0.4)

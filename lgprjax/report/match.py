@@ -312,7 +312,7 @@ def draw_surface(surface: CorrelationSurface, path: str | Path, *, force: bool =
         highest = surface.correlation[np.isfinite(surface.correlation)]
         peak = f"highest {highest.max():.3f}" if highest.size else "all outside the map"
         if surface.at_best is not None:
-            peak = f"{surface.at_best:.3f} at the fix"
+            peak = f"{surface.at_best:.3f} at the best position"
         figure.suptitle(f"Correlation over position: {peak}")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, facecolor="#b8b8b8", framealpha=1.0)
         miss = (
