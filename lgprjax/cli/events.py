@@ -37,7 +37,8 @@ class Events:
             table.add_row(f"{entry.time_s:.1f}", entry.mode, Text(entry.text, style))
         console.print(table, highlight=False)
         ended = "" if found.end is not None else "; the recording was interrupted"
-        summary = found.shortfall or "engaged, arrived at the end"
+        done = "recorded, without commands" if found.only_recorded else "engaged, arrived at the end"
+        summary = found.shortfall or done
         if self.json is not None:
             content = {
                 "seconds": found.seconds,

@@ -50,6 +50,7 @@ class Timeline(NamedTuple):
         engaged: the autopilot drove at some time; arrived: it drove to the end of its route or plan.
         to_go_m: to that end at the last tick in which the autopilot drove; NaN if it never did.
         end: why the recording ended; None if it was interrupted.
+        only_recorded: the run was of mode record: nothing was to be driven.
     """
 
     entries: tuple[TimelineEntry, ...]
@@ -58,11 +59,12 @@ class Timeline(NamedTuple):
     arrived: bool
     to_go_m: float
     end: str | None
+    only_recorded: bool = False
 
     @property
     def shortfall(self) -> str:
         """Why it did not engage and arrive, in one line; empty if it did."""
-        if self.arrived:
+        if self.arrived or self.only_recorded:
             return ""
         last = next((each.text for each in reversed(self.entries) if each.kind in ("error", "stop", "check")), "")
         if not self.engaged:
@@ -97,7 +99,7 @@ def timeline_of(records: Iterable[Record]) -> Timeline:
     for record in records:
         entries += reader.take(record)
     seconds = (reader.last_ns - reader.first_ns) / 1e9
-    return Timeline(tuple(entries), seconds, reader.engaged, reader.arrived, reader.to_go_m, None)
+    return Timeline(tuple(entries), seconds, reader.engaged, reader.arrived, reader.to_go_m, None, reader.only_recorded)
 
 
 class _Reader:
@@ -105,7 +107,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.first_ns = self.last_ns = 0
-        self.engaged = self.arrived = False
+        self.engaged = self.arrived = self.only_recorded = False
         self.to_go_m = float("nan")
         self._mode = ""
         self._stopped_for = ""
@@ -123,6 +125,8 @@ class _Reader:
             row = np.frombuffer(record.payload, layout)[0]
             if Mode(int(row["mode"])).name in ENGAGED and np.isfinite(row["to_go_m"]):
                 self.to_go_m = float(row["to_go_m"])
+        elif record.kind is RecordKind.HEADER:
+            self.only_recorded |= json.loads(record.payload).get("mode") == "record"
         elif record.kind is RecordKind.EVENT:
             time_s = (record.mono_ns - self.first_ns) / 1e9
             for kind, text in self._words(record, json.loads(record.payload)):

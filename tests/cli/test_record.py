@@ -93,6 +93,11 @@ def test_what_was_recorded_before_a_power_cut_is_kept(recorded: Recorded, tmp_pa
         assert 0.4 < saved.scans / log.scans < 0.6
 
 
+def test_its_events_ask_for_no_drive(recorded: Recorded) -> None:
+    events = json.loads(succeed("events", recorded.folder, "--json", "-"))
+    assert (events["shortfall"], events["engaged"], events["end"]) == (None, False, "ended")
+
+
 def test_it_has_no_commands_to_replay(recorded: Recorded) -> None:
     done = run("run", recorded.folder / "simulated.run.toml", "--replay", recorded.folder)
     assert done.status == 1

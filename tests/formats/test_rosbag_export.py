@@ -141,7 +141,6 @@ def test_the_command_tells_the_bag_and_its_scans(
             main(command)
         assert stopped.value.code == expected
     told = capsys.readouterr()
-    first = told.out.splitlines()[0]
-    assert str(tmp_path / "x.db3") in first
-    assert str(_SCANS) in first
+    (result,) = (line for line in told.out.splitlines() if str(tmp_path / "x.db3") in line and "result" in line)
+    assert str(_SCANS) in result
     printed_refusal(told.err).check("output", "--force", file="x.db3")

@@ -208,6 +208,7 @@ def header_record(
     header: dict[str, object] = {
         "version": __version__,
         "config": str(config.file),
+        "mode": config.mode,
         "hashes": hashes,
         "plan_sha256": hashes.get(plan) if plan else None,
         "session": session,
