@@ -335,7 +335,7 @@ def _lost(job: Job, why: str) -> JobOutcome:
     return JobOutcome(job, InputError(job.drive, "registration", "a worker that completes the drive", found), ATTEMPTS)
 
 
-# The same jobs on a cluster that dask.distributed schedules (``pip install ".[batch]"``).
+# The same jobs on a cluster that dask.distributed schedules (``pip install "lgprjax[batch]"``).
 #
 # Its workers see map, drives and results under the same paths. Each runs a worker process like those of the pool: JAX
 # and BLAS read their number of threads when they start, and dask may have loaded them by then. It runs one job at a
@@ -364,7 +364,7 @@ def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Gene
         from distributed import Client, Security, as_completed
         from distributed.comm.core import connect
     except ImportError:
-        expected = 'the optional package distributed (pip install ".[batch]")'
+        expected = 'the optional package distributed (pip install "lgprjax[batch]")'
         raise InputError("--scheduler", "option", expected, "none") from None
     if not _ADDRESS.fullmatch(address):
         raise InputError("--scheduler", "address", "HOST:PORT, such as tcp://10.0.0.5:8786", address)

@@ -84,7 +84,7 @@ def _core(requirement: Requirement) -> InstallationFinding:
 def _extra(extra: str, requirements: list[Requirement]) -> InstallationFinding:
     """Whether an extra is installed, absent, or incomplete."""
     name, serves = f"[{extra}]", _EXTRA_FOR.get(extra, "")
-    advice = f'pip install ".[{extra}]" ({serves})' if serves else f'pip install ".[{extra}]"'
+    advice = f'pip install "lgprjax[{extra}]" ({serves})' if serves else f'pip install "lgprjax[{extra}]"'
     versions = {requirement.name: _version(requirement.name) for requirement in requirements}
     there = {package: found for package, found in versions.items() if found is not None}
     wrong = [

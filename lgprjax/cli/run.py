@@ -355,7 +355,7 @@ def _require_packages(needed: Sequence[str]) -> None:
     """Raise ``InputError`` if a package of the runtime is missing."""
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
-        extra = 'the packages of the extra onboard (pip install ".[onboard]")'
+        extra = 'the packages of the extra onboard (pip install "lgprjax[onboard]")'
         raise InputError("lgprjax run", "packages", extra, f"no {', '.join(missing)}")
 
 

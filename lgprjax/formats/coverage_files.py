@@ -542,7 +542,7 @@ def _from_shapefile(file: Path) -> FieldPlaces:
     try:
         import pyogrio
     except ImportError:
-        expected = 'pyogrio (pip install ".[gis]"), or the field as GeoJSON'
+        expected = 'pyogrio (pip install "lgprjax[gis]"), or the field as GeoJSON'
         raise InputError(file, "file", expected, "not installed") from None
     import shapely
 

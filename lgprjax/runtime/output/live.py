@@ -48,7 +48,7 @@ class LiveView:
         table = started.config.output
         assert table is not None
         if find_spec("foxglove") is None:
-            extra = 'the package of the extra live (pip install ".[live]")'
+            extra = 'the package of the extra live (pip install "lgprjax[live]")'
             raise InputError(started.config.file, "output.live_port", extra, "none")
         import foxglove
 
