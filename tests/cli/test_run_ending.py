@@ -25,17 +25,28 @@ def test_a_run_that_arrives_early_is_not_ended_while_its_drive_is_written(
         ready(supervisor.Ready(1.0, ()))
         return 0
 
-    def write(_: object, folder: Path) -> None:
+    def write(_: object, folder: Path) -> bool:
         time.sleep(0.3)
         written.append(folder)
+        return True
 
     monkeypatch.setattr(supervisor, "supervise", supervise)
     monkeypatch.setattr(supervisor, "make_rings_folder", lambda: tmp_path)
     monkeypatch.setattr(verb, "_write_drive", write)
-    config: Any = SimpleNamespace(display=SimpleNamespace(host="", port=0), coverage=None)
+    config: Any = SimpleNamespace(display=SimpleNamespace(host="", port=0), mode="drive", coverage=None)
     try:
         assert verb._drive(config, tmp_path / "run", 0.1) == 0
     finally:
         signal.signal(signal.SIGTERM, before)
     assert written == [tmp_path / "run"]
     assert late == []
+
+
+@pytest.mark.parametrize(("mode", "status"), [("record", 1), ("drive", 0)])
+def test_a_recording_without_its_drive_log_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str, status: int
+) -> None:
+    monkeypatch.setattr(verb, "_supervised", lambda *_: 0)
+    monkeypatch.setattr(verb, "_write_drive", lambda *_: False)
+    config: Any = SimpleNamespace(mode=mode, coverage=None)
+    assert verb._drive(config, tmp_path, None) == status
