@@ -1,8 +1,10 @@
 """A first drive is recorded without a map: radar, GNSS/INS and odometry of simulated devices, in lock step."""
 
 import json
+import os
 import re
 import shutil
+import time
 from functools import partial
 from pathlib import Path
 
@@ -141,3 +143,23 @@ def test_channels_of_unknown_spacing_are_no_drive(recorded: Recorded, tmp_path: 
         drive_of_run(read_run(recorded.folder), unknown, tmp_path / "x.drive.h5")
     assert "channel_pitch_m" in error.value.expected
     assert not (tmp_path / "x.drive.h5").exists()
+
+
+def test_a_run_that_still_records_is_no_baseline_yet(recorded: Recorded, tmp_path: Path) -> None:
+    """Its drive log would hold a part of it, and later maps would use that."""
+    running = tmp_path / "running"
+    shutil.copytree(recorded.folder, running)
+    segment = sorted(running.glob("*.lgprun"))[-1]
+    segment.write_bytes(segment.read_bytes()[: 3 * segment.stat().st_size // 4])
+    done = run("map", "build", running, "-o", tmp_path / "m.map.h5")
+    assert done.status == 1
+    done.refusal.check("run", file=running)
+    long_ago = time.time() - 60.0
+    os.utime(running / "record.drive.h5", (long_ago - 60.0, long_ago - 60.0))
+    os.utime(segment, (long_ago, long_ago))
+    with DriveLog.open(running / "record.drive.h5") as log:
+        before = log.scans
+    run("map", "build", running, "-o", tmp_path / "m.map.h5", "--travel-time-ns", "2")
+    # Whatever becomes of the map: the log is that of the records that are there.
+    with DriveLog.open(running / "record.drive.h5") as log:
+        assert log.scans < before
