@@ -101,7 +101,7 @@ def draw_sweeps(
         step_m = max(USUAL_STRIDE * CELL_M)
         _draw(right, grounds, "correlation length of the ground (cm)", f"coarse step {100 * step_m:.3g} cm")
         left.set_ylabel("scans found within 10 cm (%)")
-        figure.suptitle("What the search stands on")
+        figure.suptitle("Success of the pose search")
         write_caption(
             figure,
             f"Bars: 95 % intervals of up to {problems} problems a point. Dashed: {100 * _GOAL:g} %. The coarse step is "

@@ -102,7 +102,10 @@ class Run:
             raise InputError(config.file, "simulation", expected, "a table")
         if config.mode == "drive" and config.coverage is None and not config.path(config.map).is_file():
             raise InputError(config.file, "map", "an existing map", str(config.path(config.map)))
-        _check_recordable(config)
+        if config.mode == "record":
+            from lgprjax.runtime.preflight import check_recordable  # reads receivers, whose packages are there by now
+
+            check_recordable(config)
         folder = run_folder(config)
         return _drive(self._resumed(config, folder), folder, self.for_s)
 
@@ -198,12 +201,14 @@ class Run:
         )
         from lgprjax.cli.simulated_run import figures_of, print_figures, read_records, timing_of
         from lgprjax.report import draw_timing
+        from lgprjax.runtime.preflight import check_recordable
 
         table = config.simulation
         if table is None:
             raise InputError(self.config, "simulation", "a table with the simulated devices", "none")
         check_before(config, table)
-        _check_recordable(config)
+        if config.mode == "record":
+            check_recordable(config)
         field, records = config.coverage is not None, config.mode == "record"
         if records and self.for_s is None:
             raise UsageError("--for-s: a simulated run that only records needs its duration in seconds")
@@ -276,26 +281,6 @@ class Run:
         if config.coverage is None:
             _write_drive(driven, folder)
         return driven
-
-
-def _check_recordable(config: "RuntimeConfig") -> None:
-    """Check before a first drive what its drive log needs, while there is time to correct it.
-
-    Raises:
-        InputError: the vehicle file cannot be used, or the place of the channels is in neither file.
-    """
-    from lgprjax.formats import read_vehicle
-
-    if config.mode != "record":
-        return
-    array = read_vehicle(config.path(config.vehicle)).array if config.vehicle else None
-    if config.ports.radar is None:
-        return
-    if array is not None and (array.x_m is None or array.height_m is None):
-        raise InputError(config.path(config.vehicle), "array", "x_m and height_m", "none")
-    if config.radar.channel_pitch_m is None and (array is None or array.channel_y_m is None):
-        expected = "the spacing of the channels, or array.channel_y_m in the vehicle file"
-        raise InputError(config.file, "radar.channel_pitch_m", expected, "none")
 
 
 def _written(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":

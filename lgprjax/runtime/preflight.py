@@ -27,7 +27,7 @@ class PreflightItem(NamedTuple):
 def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
     """Run all checks in order."""
     if config.mode == "record":
-        yield from _record_files(config)
+        yield _tried("vehicle file", lambda: check_recordable(config))
     else:
         yield from _files(config) if config.coverage is None else _field_files(config)
     yield _storage(config)
@@ -71,18 +71,27 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
         yield PreflightItem(f"route {route.name}", route.path is not None, route.problem or f"{route.length_m:.1f} m")
 
 
-def _record_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
+def check_recordable(config: RuntimeConfig) -> str:
+    """Check before a first drive what its drive log needs, while there is time to correct it.
+
+    Returns:
+        the place of the array, in words.
+
+    Raises:
+        InputError: the vehicle file cannot be used, or neither file states place and spacing of the channels.
+    """
     from lgprjax.formats import read_vehicle
 
-    def vehicle() -> str:
-        if not config.vehicle:
-            return "none: the array is assumed at the antenna"
-        array = read_vehicle(config.path(config.vehicle)).array
-        if config.ports.radar is not None and (array.x_m is None or array.height_m is None):
+    array = read_vehicle(config.path(config.vehicle)).array if config.vehicle else None
+    if config.ports.radar is not None:
+        if array is not None and (array.x_m is None or array.height_m is None):
             raise InputError(config.path(config.vehicle), "array", "x_m and height_m", "none")
-        return f"{config.vehicle}, array {array.x_m} m ahead of the rear axle"
-
-    yield _tried("vehicle file", vehicle)
+        if config.radar.channel_pitch_m is None and (array is None or array.channel_y_m is None):
+            expected = "the spacing of the channels, or array.channel_y_m in the vehicle file"
+            raise InputError(config.file, "radar.channel_pitch_m", expected, "none")
+    if array is None or array.x_m is None:
+        return "array assumed at the antenna"
+    return f"{config.vehicle}, array {array.x_m:g} m ahead of the rear axle"
 
 
 def _field_files(config: RuntimeConfig) -> Iterator[PreflightItem]:

@@ -166,3 +166,22 @@ def test_a_run_that_still_records_is_no_baseline_yet(recorded: Recorded, tmp_pat
     # Whatever becomes of the map: the log is that of the records that are there.
     with DriveLog.open(running / "record.drive.h5") as log:
         assert log.scans < before
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        (("channel_pitch_m = 0.127", "# channel_pitch_m = 0.127"), "radar.channel_pitch_m"),
+        (("x.vehicle.toml", "nowhere.vehicle.toml"), None),
+    ],
+    ids=["pitch", "vehicle"],
+)
+def test_what_a_drive_log_needs_is_asked_before_the_drive(
+    tmp_path: Path, change: tuple[str, str], place: str | None
+) -> None:
+    vehicle = str(ROOT / "onboard" / "record.vehicle.toml")
+    old = change[0] if place else vehicle
+    done = run("run", write_record(tmp_path, (old, change[1])), "--simulate", "--lockstep", "--for-s", 5)
+    assert done.status == 1
+    assert place is None or done.refusal.place == place
+    assert not (tmp_path / "runs").exists()
