@@ -450,8 +450,7 @@ def chassis_belief(vehicle: VehicleFile, path: Path) -> ChassisBelief:
     """
     if vehicle.rear_map is not None:
         held = vehicle.rear_map
-        # The file has rear angles, counter-clockwise positive; here the magnitude of counter-steer is used.
-        rear = Knots(held.first_rad, held.step_rad, tuple(-angle for angle in held.rear_rad))
+        rear = Knots(held.first_rad, held.step_rad, tuple(held.rear_rad))
     else:
         rear = proportional_rear(_needed(path, "steering.rear_ratio", vehicle.steering.rear_ratio))
     speed = vehicle.steering.characteristic_speed_mps
