@@ -335,7 +335,7 @@ class RunTracks:
     Attributes:
         navigation: poses of the vehicle from GNSS/INS and odometry.
         odometry: of the drive-by-wire box.
-        vehicle: its signals, ``None`` if no control tick ran.
+        vehicle: its signals, ``None`` without a status of the box; commands only where a control tick ran.
         plan: decisions of the control ticks, likewise.
         seconds: from the first to the last record of navigation.
     """
@@ -404,25 +404,29 @@ class RunTracks:
         }
 
     def _vehicle(self) -> dict[str, np.ndarray] | None:
-        """Measurements of the box and the commands at that time, from the first control tick."""
+        """Measurements of the box, and the commands at that time from the first control tick on."""
         known, plan = self._signals, self._signals.plan
-        if not len(plan):
-            return None
-        told = known.box_ns >= known.plan_ns[0]
+        told = known.box_ns >= known.plan_ns[0] if len(plan) else np.ones(len(known.box_ns), bool)
         at, box = known.box_ns[told], known.box[told]
         if not len(box):
             return None
-        held = plan[np.searchsorted(known.plan_ns, at, side="right") - 1]
-        return {
+        measured = {
             "time_s": self.seconds_of(at),
             "steering_potentiometer_v": box["potentiometer_v"].astype(np.float64),
             "encoder_counts": box["encoder_counts"],
             "supply_v": box["supply_v"].astype(np.float64),
+        }
+        if not len(plan):
+            return measured
+        held = plan[np.searchsorted(known.plan_ns, at, side="right") - 1]
+        turned = {"yaw_rate_radps": np.interp(at, known.prior_ns, known.prior["yaw_rate_radps"])}
+        return {
+            **measured,
             "wheel_angle_rad": held["front_rad"].astype(np.float64),
             "steering_command_rad": held["command"][:, 0].astype(np.float64),
             "throttle": held["command"][:, 1].astype(np.float64),
             "brake": held["command"][:, 2].astype(np.float64),
-            "yaw_rate_radps": np.interp(at, known.prior_ns, known.prior["yaw_rate_radps"]),
+            **(turned if len(known.prior_ns) else {}),
             "mode": held["mode"].astype(np.int8),
         }
 

@@ -352,16 +352,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         _number(root, table, "longitude_deg", (-180.0, 180.0), SITE_FRAME.longitude_deg),
         _number(root, table, "height_m", (-500.0, 9000.0), SITE_FRAME.height_m),
     )
-    place, withheld = root.at("vehicle"), {"linkage": "rear (a drives file knows no linkages)"}
-    vehicle = fill_config(TrueVehicle, place, table.get("vehicle", {}), base=TrueVehicle(), withheld=withheld)
-    _hold(place, vehicle, _VEHICLE)
-    if vehicle.stall_v >= vehicle.nominal_v:
-        expected = f"a voltage below nominal_v, {vehicle.nominal_v:g}"
-        raise place.at("stall_v").refuse(expected, f"{vehicle.stall_v:g}")
-    for key, (pre_tension, dead_zone, *_) in (("throttle", vehicle.throttle), ("brake", vehicle.brake)):
-        if dead_zone > pre_tension:
-            expected = f"a dead zone of at most the pre-tension, {pre_tension:g}, so that the pedal releases"
-            raise place.at(key).refuse(expected, f"{dead_zone:g}")
+    vehicle = true_vehicle(table.get("vehicle", {}), root.at("vehicle"), TrueVehicle().array_x_m)
     sensors = _sensors(root.at("sensors"), table.get("sensors", {}), VehicleSensors())
     entries = table.get("drive")
     if not isinstance(entries, list) or not entries:
@@ -374,6 +365,30 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
             raise where.at("name").refuse("a unique drive name", repr(drive.name))
         drives[drive.name] = drive
     return VehiclePlan(root.file, vehicle, serial_number, frame, tuple(drives.values()))
+
+
+def true_vehicle(table: dict[str, Any], place: TableKey, array_x_m: float) -> TrueVehicle:
+    """A simulated vehicle from a table of its numbers.
+
+    Args:
+        table: those that differ from the defaults of ``TrueVehicle``.
+        place: of the table.
+        array_x_m: of the array, unless the table states it.
+
+    Raises:
+        InputError: a number is unknown, of a wrong type or out of its range, or numbers contradict each other.
+    """
+    withheld = {"linkage": "rear (a table of a vehicle knows no linkages)"}
+    vehicle = fill_config(TrueVehicle, place, table, base=TrueVehicle(array_x_m=array_x_m), withheld=withheld)
+    _hold(place, vehicle, _VEHICLE)
+    if vehicle.stall_v >= vehicle.nominal_v:
+        expected = f"a voltage below nominal_v, {vehicle.nominal_v:g}"
+        raise place.at("stall_v").refuse(expected, f"{vehicle.stall_v:g}")
+    for key, (pre_tension, dead_zone, *_) in (("throttle", vehicle.throttle), ("brake", vehicle.brake)):
+        if dead_zone > pre_tension:
+            expected = f"a dead zone of at most the pre-tension, {pre_tension:g}, so that the pedal releases"
+            raise place.at(key).refuse(expected, f"{dead_zone:g}")
+    return vehicle
 
 
 def is_vehicle_plan(path: str | Path) -> bool:

@@ -2,12 +2,12 @@
 
 from collections import deque
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from lgprjax.scene.vehicle_drive import TrueVehicle
+from lgprjax.config import TableKey
 from lgprjax.simulation.devices.boxes import DriveBox
 from lgprjax.simulation.devices.faults import FAULTS
 from lgprjax.simulation.devices.sensors import (
@@ -32,10 +32,12 @@ from lgprjax.simulation.devices.vehicle import (
     Body,
     Driver,
     DriverInput,
+    HandDriver,
     Moved,
     Truth,
 )
 from lgprjax.simulation.devices.world import GAIN_DRIFT, CourseWorld, Sample, Trajectory
+from lgprjax.simulation.vehicle_logs import MANOEUVRES, true_vehicle
 from lgprjax.wire import Sender, Value, decode
 
 # What a run of the devices on a course is asked for.
@@ -53,6 +55,9 @@ class CourseSpec(StageSpec):
         map: the course's map, whose frame poses are in; "" where there is none yet: the site's own frame.
         host: what it does: drive, record, or record without a radar; times of the script count from when it does so.
         start_m: way along the baseline at which the vehicle stands.
+        vehicle: numbers of ``TrueVehicle`` that differ from its defaults.
+        manoeuvre: of a calibration, that is driven by hand on level ground, see ``MANOEUVRES`` of ``vehicle_logs``: its
+            kind and its numbers; empty: the course is driven.
     """
 
     seed: int
@@ -66,6 +71,8 @@ class CourseSpec(StageSpec):
     map: str = ""
     host: Literal["drive", "record", "record_without_radar"] = "drive"
     start_m: float = Field(default=2.0, ge=0.0)
+    vehicle: dict[str, Any] = Field(default_factory=dict)
+    manoeuvre: dict[str, Any] = Field(default_factory=dict)
 
 
 # A fault: another source commands the drive-by-wire box too.
@@ -107,13 +114,15 @@ class CourseStage(Stage[DriveBox, Tick]):
     def __init__(self, spec: CourseSpec, world: CourseWorld, file: Path, begin_ns: int) -> None:
         seed = spec.drive_seed
         super().__init__(_KIND, spec, file, begin_ns, tick_ns=1e9 * world.tick_s, box=DriveBox, seed=seed)
-        true = TrueVehicle(array_x_m=world.laid.spec.array_x_m)
-        assert isinstance(true.rear, float)
+        true = true_vehicle(spec.vehicle, TableKey(file, "vehicle"), world.laid.spec.array_x_m)
         self.world, self._host = world, spec.host
         self._body = Body(true, world, world.start(spec.start_m), self.faults, seed, spec.gnss_slow_m)
         self._sensing = Sensing(true, self._body.vehicle.sensors, world, self.faults, seed)
-        self._driver = Driver(true, world.laid.spec.array_x_m, world.baseline_m)
-        self.truth = Truth(true.rear, world.laid.spec.array_x_m, world.baseline_m)
+        self._driver: Driver | HandDriver = Driver(true, world.laid.spec.array_x_m, world.baseline_m)
+        if spec.manoeuvre:
+            numbers = {name: value for name, value in spec.manoeuvre.items() if name != "kind"}
+            self._driver = HandDriver(true, MANOEUVRES[spec.manoeuvre["kind"]].make(true, numbers), world.tick_s)
+        self.truth = Truth(true, world.laid.spec.array_x_m, world.baseline_m)
         channels, sweeps, form = len(world.laid.array.x_m), world.laid.spec.sweeps, None
         if sweeps is not None:
             assert world.lookup is not None

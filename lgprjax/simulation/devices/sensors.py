@@ -17,6 +17,8 @@ from lgprjax.simulation.devices.boxes import DeviceSender, HostListener, Measure
 from lgprjax.simulation.devices.faults import RunningFaults
 from lgprjax.simulation.devices.vehicle import GNSS_X_M, DriverInput, Moved
 from lgprjax.simulation.devices.world import CourseWorld, Sample
+from lgprjax.vehicle.kinematics import straight_slope
+from lgprjax.vehicle.sensors import Potentiometer, read_potentiometer
 from lgprjax.wire import Frame, Value
 
 # A u-blox receiver with INS: NAV-PVT, NAV-ATT and ESF-INS, built by pyubx2.
@@ -173,6 +175,9 @@ class Sensing:
     ) -> None:
         self._true, self._world, self._faults = true, world, faults
         self._rng = np.random.default_rng([seed, 51])
+        self._potentiometer = Potentiometer(
+            true.potentiometer_straight_v, true.potentiometer_per_rad_v, 1.5 * true.largest_angle_rad
+        )
         self._zero_counts = int(self._rng.integers(-100_000, 100_000))
         self._rate_sigma = float(sensors.yaw_rate_noise) / INS_PERIOD_S**0.5
         self._heading_sigma_rad = float(sensors.heading_sigma_rad)
@@ -183,12 +188,12 @@ class Sensing:
     def measured(self, sample: Sample, hands: DriverInput) -> Measured:
         """Readings of the drive-by-wire box's sensors."""
         faults, noise = self._faults, self._rng.normal(size=6)
-        straight_v, (per_rad_v,) = self._true.potentiometer_straight_v, self._true.potentiometer_per_rad_v
-        volts = straight_v + per_rad_v * sample.front_rad + _POTENTIOMETER_SIGMA_V * noise[0]
+        volts = float(read_potentiometer(self._potentiometer, np.asarray(self._steering_rad(sample.front_rad))))
+        volts += _POTENTIOMETER_SIGMA_V * noise[0]
         volts = faults.hold("potentiometer_stuck", volts)
         volts = _OPEN_V if faults.has("potentiometer_open") else volts
         volts = _SHORT_V if faults.has("potentiometer_short") else volts
-        counts = self._zero_counts + self._true.encoder_counts_per_rad * sample.motor_rad
+        counts = self._zero_counts + self._true.encoder_counts_per_rad * self._steering_rad(sample.motor_rad)
         gain = sample.odometer_gain
         return Measured(
             float(volts),
@@ -201,6 +206,14 @@ class Sensing:
             sample.odometer_m,
             gain * sample.speed_mps + (self._odometer_sigma_mps * noise[5] if gain and sample.speed_mps else 0.0),
         )
+
+    def _steering_rad(self, wheel_rad: float) -> float:
+        """Angle of the steering shaft, scaled to the wheels', at a wheel angle."""
+        linkage = self._true.linkage
+        if linkage is None:
+            return wheel_rad
+        shaft = np.arcsin(linkage.arm_m / linkage.crank_m * np.sin(wheel_rad)) / linkage.gear
+        return float(shaft * straight_slope(linkage))
 
     def attitude(self, before: Sample, after: Sample) -> InsReading:
         """Reading of the INS after one of its periods."""

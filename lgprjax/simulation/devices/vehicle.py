@@ -25,6 +25,8 @@ from lgprjax.scene import (
     read_live_sensors,
     step_plant,
 )
+from lgprjax.scene.motion import STEP_S as MOTION_STEP_S
+from lgprjax.scene.motion import Manoeuvre
 from lgprjax.scene.plant import SUBSTEPS
 from lgprjax.scene.vehicle_drive import TrueVehicle, chassis_of, pedals_of, servo_of
 from lgprjax.simulation.devices.boxes import ActuatorOrders, DriveCommandMessage
@@ -50,6 +52,7 @@ class Acting(NamedTuple):
         supply_v: of the servo.
         runaway_radps: the servo turns at this rate whatever it is told; 0 for a sound one.
         rear_rad: where the rear wheels are stuck; NaN for sound ones.
+        gear: +1 forward, -1 reverse.
     """
 
     by_hand: bool
@@ -59,6 +62,7 @@ class Acting(NamedTuple):
     supply_v: float
     runaway_radps: float
     rear_rad: float
+    gear: float = 1.0
 
 
 class Moved(NamedTuple):
@@ -92,7 +96,7 @@ class SimulatedVehicle:
     """A vehicle at standstill at a pose.
 
     Args:
-        true: as it is; its rear wheels follow in proportion.
+        true: as it is.
         terrain: under it.
         tick_s: step.
         start: pose of the rear axle in the map's frame.
@@ -112,8 +116,12 @@ class SimulatedVehicle:
         seed: int,
         gnss_slow_m: float = GNSS_SLOW_M,
     ) -> None:
-        assert isinstance(true.rear, float)
-        self._true, self._tick_s, self._ratio = true, tick_s, true.rear
+        self._true, self._tick_s = true, tick_s
+        # Linear between knots and beyond them: sound wheels and stuck ones are of one program.
+        rear = true.rear
+        if not isinstance(rear, MeasuredRear):
+            rear = MeasuredRear(jnp.float32(-1.0), jnp.float32(2.0), jnp.array([-rear, rear], jnp.float32))
+        self._rear: Any = jax.tree.map(np.asarray, rear)
         self.sensors = live_sensors(tick_s=tick_s, gnss_x_m=GNSS_X_M, gnss_slow_m=gnss_slow_m)
         # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
         self._fixed = jax.tree.map(np.asarray, (terrain, self.sensors))
@@ -130,7 +138,7 @@ class SimulatedVehicle:
     def step(self, acting: Acting) -> Moved:
         """The vehicle a tick later."""
         self._tick += 1
-        told = np.array([self._target(acting), acting.throttle, acting.brake], np.float32)
+        told = np.array([self._target(acting), acting.throttle, acting.brake, acting.gear], np.float32)
         self._plant, self._errors, row = _step(
             self._fixed,
             self._plant_of(acting),
@@ -163,9 +171,9 @@ class SimulatedVehicle:
             )
         elif acting.runaway_radps:
             servo = servo._replace(lag_s=one(0.02), rate_radps=one(abs(acting.runaway_radps)), delay_s=one(0.0))
-        ends = np.array([-self._ratio, self._ratio]) if np.isnan(acting.rear_rad) else np.full(2, -acting.rear_rad)
-        # Linear between knots and beyond them: both the sound wheels and stuck ones are of one program.
-        rear: Any = MeasuredRear(one(-1.0), one(2.0), ends.astype(np.float32))  # type: ignore[arg-type]
+        rear = self._rear
+        if not np.isnan(acting.rear_rad):
+            rear = rear._replace(rear_rad=np.full_like(rear.rear_rad, -acting.rear_rad))
         supply: Any = one(self._true.nominal_v if acting.by_hand else acting.supply_v)
         return sound._replace(servo=servo, chassis=sound.chassis._replace(rear=rear), supply_v=supply)
 
@@ -176,13 +184,13 @@ def _step(
     plant: Plant,
     state: PlantState,
     errors: LiveSensorState,
-    told: Float[Array, "3"],
+    told: Float[Array, "4"],
     noise: PRNGKeyArray,
     tick: Int[Array, ""],
     tick_s: float,
 ) -> tuple[PlantState, LiveSensorState, Float[Array, " number"]]:
     terrain, sensors = fixed
-    state = step_plant(plant, terrain, state, told[0], told[1], told[2], jnp.float32(1.0), tick_s)
+    state = step_plant(plant, terrain, state, told[0], told[1], told[2], told[3], tick_s)
     errors, readings = read_live_sensors(
         sensors,
         no_faults(),
@@ -198,7 +206,7 @@ def _step(
         *state.pose,
         state.travel_m,
         state.along_m,
-        state.drive.speed_mps,
+        told[3] * state.drive.speed_mps,
         state.servo.wheel_rad,
         state.servo.motor_rad,
         errors.rate_bias_radps,
@@ -242,6 +250,7 @@ class DriverInput(NamedTuple):
         foot_on_brake: the brake is pressed by foot, not by the parking lever.
         torque_nm: on the steering wheel.
         buttons: pressed on the controller.
+        gear: +1 forward, -1 reverse.
     """
 
     front_rad: float
@@ -250,6 +259,51 @@ class DriverInput(NamedTuple):
     foot_on_brake: bool
     torque_nm: float
     buttons: frozenset[str]
+    gear: float = 1.0
+
+
+def counter_steer_rad(vehicle: TrueVehicle, front_rad: float) -> float:
+    """Magnitude of the rear wheels' angle, with the sign of the front wheels'."""
+    rear = vehicle.rear
+    if not isinstance(rear, MeasuredRear):
+        return rear * front_rad
+    knots = np.asarray(rear.rear_rad, np.float64)
+    return float(np.interp(front_rad, float(rear.first_rad) + float(rear.step_rad) * np.arange(len(knots)), knots))
+
+
+def pedals_for_speed(vehicle: TrueVehicle, wanted_mps: float | None, speed_mps: float) -> tuple[float, float, bool]:
+    """Throttle, brake, and whether the brake is pressed by foot, of a driver who holds a speed.
+
+    Args:
+        vehicle: as it is.
+        wanted_mps: speed to hold; ``None``: stop, then park with the lever.
+        speed_mps: in the gear's direction.
+    """
+    if wanted_mps is None:
+        parked = speed_mps < _STANDS_MPS
+        return 0.0, _PARKED_BRAKE if parked else _HALT_BRAKE, not parked
+    slow_mps = wanted_mps - speed_mps
+    if slow_mps < -0.5:
+        pre_tension, _, gain, _ = vehicle.brake
+        return 0.0, float(np.clip(pre_tension - (slow_mps + 0.3) / gain, 0.0, 0.6)), True
+    pre_tension, _, gain, _ = vehicle.throttle
+    asked = 1.5 * slow_mps + vehicle.rolling_mps2 + vehicle.drag_per_s * speed_mps
+    return float(np.clip(pre_tension + asked / gain, 0.0, 0.7)), 0.0, False
+
+
+def scripted_input(
+    items: Iterable[ScriptItem], front_rad: float, pedals: tuple[float, float, bool], gear: float = 1.0
+) -> DriverInput:
+    """Actions of a driver who steers and brakes so, with what the script adds: buttons, torque, taps of the brake."""
+    running, (throttle, brake, foot) = list(items), pedals
+    tapped = any(item.name == "brake_tap" for item in running)
+    if tapped:
+        brake, foot = max(brake, _TAP_BRAKE), True
+    torque = sum(float(item.numbers["nm"]) for item in running if item.name == "torque")
+    pressed = frozenset(str(item.numbers["button"]) for item in running if item.name == "press")
+    # The pedal's switch is wired to the controller too.
+    pressed |= {"brake_tap"} if tapped else set()
+    return DriverInput(front_rad, throttle, brake, foot, torque, pressed, gear)
 
 
 class Driver:
@@ -262,8 +316,8 @@ class Driver:
     """
 
     def __init__(self, vehicle: TrueVehicle, array_x_m: float, line_m: Float[np.ndarray, "point 2"]) -> None:
-        assert isinstance(vehicle.rear, float)
-        self._vehicle, self._share = vehicle, vehicle.rear
+        # Of the rear wheels' angle, at the angles of a road.
+        self._vehicle, self._share = vehicle, counter_steer_rad(vehicle, 0.1) / 0.1
         # From the point that runs along the body's axis to the array.
         self._ahead_m = array_x_m - vehicle.wheelbase_m * self._share / (1.0 + self._share)
         self._array_x_m = array_x_m
@@ -299,15 +353,8 @@ class Driver:
             self._speed_mps = None if self._told.name == "stand" else float(self._told.numbers["speed_mps"])
         front, to_go_m = self._steer(x_m, y_m, yaw_rad, speed_mps)
         wanted = self._speed_mps if to_go_m > _END_M else None
-        throttle, brake, foot = self._pedals(wanted, speed_mps) if has_pedals else (0.0, 0.0, False)
-        tapped = any(item.name == "brake_tap" for item in items)
-        if tapped:
-            brake, foot = max(brake, _TAP_BRAKE), True
-        torque = sum(float(item.numbers["nm"]) for item in items if item.name == "torque")
-        pressed = frozenset(str(item.numbers["button"]) for item in items if item.name == "press")
-        # The pedal's switch is wired to the controller too.
-        pressed |= {"brake_tap"} if tapped else set()
-        return DriverInput(front, throttle, brake, foot, torque, pressed)
+        pedals = pedals_for_speed(self._vehicle, wanted, speed_mps) if has_pedals else (0.0, 0.0, False)
+        return scripted_input(items, front, pedals)
 
     def _steer(self, x_m: float, y_m: float, yaw_rad: float, speed_mps: float) -> tuple[float, float]:
         place = np.array([x_m + self._array_x_m * np.cos(yaw_rad), y_m + self._array_x_m * np.sin(yaw_rad)])
@@ -324,18 +371,45 @@ class Driver:
         largest = 0.95 * self._vehicle.largest_angle_rad
         return float(np.clip(front, -largest, largest)), float(self._way_m[-1] - self._way_m[at])
 
-    def _pedals(self, wanted_mps: float | None, speed_mps: float) -> tuple[float, float, bool]:
-        vehicle = self._vehicle
-        if wanted_mps is None:
-            parked = speed_mps < _STANDS_MPS
-            return 0.0, _PARKED_BRAKE if parked else _HALT_BRAKE, not parked
-        slow_mps = wanted_mps - speed_mps
-        if slow_mps < -0.5:
-            pre_tension, _, gain, _ = vehicle.brake
-            return 0.0, float(np.clip(pre_tension - (slow_mps + 0.3) / gain, 0.0, 0.6)), True
-        pre_tension, _, gain, _ = vehicle.throttle
-        asked = 1.5 * slow_mps + vehicle.rolling_mps2 + vehicle.drag_per_s * speed_mps
-        return float(np.clip(pre_tension + asked / gain, 0.0, 0.7)), 0.0, False
+
+class HandDriver:
+    """Drives a manoeuvre of a calibration by hand, and plays a script; the manoeuvre waits until the vehicle stands.
+
+    Args:
+        vehicle: as it is.
+        manoeuvre: what is driven; after its end the vehicle stands.
+        tick_s: of the devices.
+    """
+
+    def __init__(self, vehicle: TrueVehicle, manoeuvre: Manoeuvre, tick_s: float) -> None:
+        self._vehicle, self._manoeuvre, self._tick_s = vehicle, manoeuvre, tick_s
+        self._time_s, self._gear = 0.0, 1.0
+
+    def step(
+        self,
+        running: Iterable[ScriptItem],
+        x_m: float,
+        y_m: float,
+        yaw_rad: float,
+        speed_mps: float,
+        *,
+        has_pedals: bool,
+    ) -> DriverInput:
+        """Actions of the driver; see ``Driver.step``."""
+        del x_m, y_m, yaw_rad
+        told = self._manoeuvre
+        at = min(int(self._time_s / MOTION_STEP_S), len(told.time_s) - 1)
+        wanted = float(told.speed_mps[at])
+        stands = abs(speed_mps) < _STANDS_MPS
+        if wanted and stands:
+            self._gear = float(np.sign(wanted))
+        if wanted or stands:
+            self._time_s += self._tick_s
+        halt = wanted * self._gear <= 0.0
+        pedals = pedals_for_speed(self._vehicle, None if halt else abs(wanted), self._gear * speed_mps)
+        return scripted_input(
+            running, float(told.wanted_rad[at]), pedals if has_pedals else (0.0, 0.0, False), self._gear
+        )
 
 
 # The vehicle's body under the box's orders and the driver's hands: inputs and measurements.
@@ -430,6 +504,7 @@ class Body:
             supply_v=self._true.stall_v if faults.has("servo_stalled") else self._supply(),
             runaway_radps=faults.number("servo_runaway", "radps", 0.0),
             rear_rad=faults.number("rear_stuck", "rad", float("nan")),
+            gear=1.0 if orders.pedals else hands.gear,
         )
         return acting, max(box, foot)
 
@@ -504,18 +579,17 @@ class Truth(TruthRows):
     """How a vehicle on a course went.
 
     Args:
-        rear_ratio: of the sound rear wheels.
-        array_x_m: array ahead of the rear axle.
+        true: the vehicle; array_x_m: array ahead of the rear axle.
         baseline_m: true places of the baseline's anchor.
     """
 
-    def __init__(self, rear_ratio: float, array_x_m: float, baseline_m: Float[np.ndarray, "point 2"]) -> None:
+    def __init__(self, true: TrueVehicle, array_x_m: float, baseline_m: Float[np.ndarray, "point 2"]) -> None:
         super().__init__(_COLUMNS)
-        self._ratio, self._array_x_m, self._baseline_m = rear_ratio, array_x_m, baseline_m
+        self._true, self._array_x_m, self._baseline_m = true, array_x_m, baseline_m
 
     def add(self, time_ns: int, sample: Sample, acting: Acting, command: DriveCommandMessage, held: int) -> None:
         """A tick's row."""
-        sound = -self._ratio * sample.front_rad
+        sound = -counter_steer_rad(self._true, sample.front_rad)
         rear = sound if np.isnan(acting.rear_rad) else acting.rear_rad
         row = (
             sample.x_m,

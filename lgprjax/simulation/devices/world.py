@@ -3,11 +3,12 @@
 from collections import deque
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Complex64, Float
 
 from lgprjax.frames import LocalFrame
-from lgprjax.scene import WEATHER, LiveRadar, draw_springs
+from lgprjax.scene import WEATHER, LiveRadar, Terrain, draw_springs
 from lgprjax.scene.propagation import RadarConfig
 from lgprjax.scene.render import ReceiverFaults as RadarErrors
 from lgprjax.scene.road import surface_up
@@ -24,6 +25,7 @@ from lgprjax.simulation.loop.off_road import (
 
 GAIN_DRIFT = RadarErrors().gain_drift
 _DRIFTS_OVER_S = 1200.0
+_LEVEL_TICK_S = 0.01
 _EARTH_M = 6_378_137.0
 
 
@@ -43,13 +45,25 @@ class CourseWorld:
         weather: of the day, see ``WEATHER``.
         drive_seed: of the day, the radar's errors and the springs.
         gain_drift: of the radar's receiver while it warms up, see ``ReceiverFaults``: over 20 minutes, half of it in 4.
+        level: the vehicle is driven on level ground to all sides, for calibrations, in steps of 10 ms; nothing is there
+            for a radar.
     """
 
     def __init__(
-        self, spec: OffRoad, local: LocalFrame, *, weather: str, drive_seed: int, gain_drift: float = GAIN_DRIFT
+        self,
+        spec: OffRoad,
+        local: LocalFrame,
+        *,
+        weather: str,
+        drive_seed: int,
+        gain_drift: float = GAIN_DRIFT,
+        level: bool = False,
     ) -> None:
-        self.local = local
+        self.local, self._level = local, level
         self.laid: Laid = lay_course(spec)
+        if level:
+            flat = jax.tree.map(np.zeros_like, self.laid.terrain[:3])
+            self.laid = self.laid._replace(terrain=Terrain(*flat, direction=self.laid.terrain.direction))
         self.frame: SceneFrame = scene_frame_of(local)
         poses = baseline_poses(self.laid)
         east, north, yaw = poses[:, 0], poses[:, 1], poses[:, 3]
@@ -58,7 +72,7 @@ class CourseWorld:
         self.baseline_m: Float[np.ndarray, "point 2"] = self.frame.to_map(anchor)
         tick = max(round(3 / spec.scan_share), 1)
         self.scans_a_tick, self.scan_period_s = tick, spec.scan_share / SCAN_HZ
-        self.tick_s = tick * self.scan_period_s
+        self.tick_s = _LEVEL_TICK_S if level else tick * self.scan_period_s
         self._numbers = int(_DRIFTS_OVER_S / self.scan_period_s)
         self._radar = LiveRadar(
             self.laid.ground,
@@ -92,12 +106,12 @@ class CourseWorld:
 
     def roll(self, place: tuple[float, float, float], along_m: float) -> float:
         """Roll of the body at a pose of the rear axle."""
-        return float(self._radar.body_pose(np.array(place), np.array(along_m), 1)[4])
+        return 0.0 if self._level else float(self._radar.body_pose(np.array(place), np.array(along_m), 1)[4])
 
     def geodetic(self, x_m: float, y_m: float, along_m: float) -> tuple[float, float, float]:
         """Latitude and longitude (degrees) and ellipsoidal height of a place on the road."""
         place = self.frame.to_scene(np.array([[x_m, y_m]]))
-        up = surface_up(self.laid.road, np.array([along_m]), np.zeros(1))
+        up = surface_up(self.laid.road, np.array([0.0 if self._level else along_m]), np.zeros(1))
         latitude, longitude, height = SITE_FRAME.to_geodetic(place[:, 0], place[:, 1], up)
         return float(latitude[0]), float(longitude[0]), float(height[0])
 
