@@ -135,7 +135,7 @@ class LockStep:
         # The computer's clock at the beginning, so that dates of the recording are right.
         self._begin_ns = self._now_ns = self._due_ns = time.monotonic_ns()
         self.stage = make(self._begin_ns)
-        self._records = config.mode == "record"
+        self._records = not config.commands
         self._loaded = None if self._records else load_vehicle(config)
         session = draw_session()
         self.core: ControlCore | RecordCore = RecordCore(config)
@@ -203,7 +203,7 @@ class LockStep:
         for name in processes_of(self._config):
             if name not in ("registration", "output"):
                 self._ready(name)
-        if self._config.coverage is not None or self._config.ports.radar is None:
+        if "registration" not in processes_of(self._config):
             return
         config = self._config
         port, log, notes = (

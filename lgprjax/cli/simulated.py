@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lgprjax.config import TableKey
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,12 +42,15 @@ def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
     from lgprjax.simulation.devices.field_stage import FIELD_BUTTONS, FIELD_FAULTS, FIELD_LINES, FIELD_SCRIPT
     from lgprjax.simulation.devices.sensors import LINES
     from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT
+    from lgprjax.simulation.vehicle_logs import true_vehicle
 
     field = config.coverage is not None
     if config.vehicle:
         vehicle = read_vehicle(config.path(config.vehicle))
         if not field and config.mode == "drive":
             setup_of_vehicle(config, vehicle)
+    if not field:
+        true_vehicle(table.vehicle, TableKey(config.file, "simulation.vehicle"), 0.0)
     actions, buttons = (FIELD_SCRIPT, FIELD_BUTTONS) if field else (SCRIPT, BUTTONS)
     faults, lines = (FIELD_FAULTS, FIELD_LINES) if field else (FAULTS, LINES)
     for name, key, rows, known, choice, choices in (
@@ -109,6 +113,7 @@ def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
 
 def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
     """Specification of the simulated devices on a course."""
+    host = "drive" if config.commands else "record"
     return {
         "seed": table.seed,
         "length_m": table.length_m,
@@ -119,7 +124,8 @@ def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, 
         "gain_drift": table.gain_drift,
         "gnss_slow_m": table.gnss_slow_m,
         "map": str(config.path(config.map)) if config.map else "",
-        "host": "drive" if config.mode == "drive" else "record" if config.ports.radar else "record_without_radar",
+        "host": host if (config.ports.radar and config.mode == "record") or host == "drive" else "record_without_radar",
+        "vehicle": table.vehicle,
         "script": table.script,
         "faults": table.faults,
     }

@@ -192,6 +192,7 @@ class SimulationTable(ConfigTable):
         recording, gain_drift: of its radar: finished traces or stepped-frequency sweeps, and the change of the
             receiver's gain over 20 minutes, half of it in the first 4.
         gnss_slow_m: sigma of the slow error of positions on a course, an axis; 0: of RTK with a base nearby.
+        vehicle: numbers of the vehicle on a course that differ from those of ``scene.TrueVehicle``.
         field: X.geojson from which a missing plan is made; of a field.
         overlap, order, turning_room_m: of that plan, see ``lgprjax cover plan``.
         script: operator actions: times in seconds since the vehicle was ready, and buttons pressed.
@@ -206,6 +207,7 @@ class SimulationTable(ConfigTable):
     recording: Literal["traces", "sweeps"] = "traces"
     gain_drift: float = Field(default=0.05, ge=-0.9, le=10.0)
     gnss_slow_m: float = Field(default=0.3, ge=0.0, le=10.0)
+    vehicle: dict[str, Any] = Field(default_factory=dict)
     field: str | None = None
     overlap: float = Field(default=0.2, ge=0.0, lt=1.0)
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni"
@@ -214,18 +216,39 @@ class SimulationTable(ConfigTable):
     faults: list[dict[str, Any]] = Field(default_factory=list)
 
 
+class CalibrationTable(ConfigTable):
+    """A manoeuvre of a calibration; ``lgprjax calibrate`` writes it.
+
+    Attributes:
+        step: its name.
+        prompt: what the crew does, a line each; for the page.
+        commands: what the software moves once the operator has engaged it; none: the manoeuvre is driven by hand.
+        amplitude_rad: largest front angle of a commanded manoeuvre.
+        fastest_mps: of a commanded manoeuvre, once the brake has been seen to act; before, 2 m/s.
+        area_m: distance that the vehicle may go from where it was engaged.
+    """
+
+    step: str
+    prompt: list[str] = Field(default_factory=list)
+    commands: Literal["none", "steering", "pedals"] = "none"
+    amplitude_rad: float = Field(default=0.2, gt=0.0, le=0.6)
+    fastest_mps: float = Field(default=4.0, ge=2.0, le=8.0)
+    area_m: float = Field(default=150.0, ge=30.0, le=2000.0)
+
+
 class RuntimeConfig(ConfigTable):
     """Everything of a ``CONFIG.toml``.
 
     Attributes:
         file: its path.
-        mode: drive: by a map and its routes, or in a field; record: radar, positions and odometry, without commands.
+        mode: drive: by a map and its routes, or in a field; record: radar, positions and odometry, without commands;
+            calibrate: a manoeuvre of ``[calibration]``.
         vehicle: vehicle file; may be missing, or unfinished, in mode record.
     """
 
     file: Path
     name: str
-    mode: Literal["drive", "record"] = "drive"
+    mode: Literal["drive", "record", "calibrate"] = "drive"
     vehicle: str = ""
     map: str = ""
     routes: list[str] = Field(default_factory=list)
@@ -241,21 +264,33 @@ class RuntimeConfig(ConfigTable):
     supervision: SupervisionTable = SupervisionTable()
     output: OutputTable | None = None
     simulation: SimulationTable | None = None
+    calibration: CalibrationTable | None = None
+
+    @property
+    def commands(self) -> bool:
+        """Whether the run sends commands to the vehicle."""
+        if self.mode == "calibrate":
+            return self.calibration is not None and self.calibration.commands != "none"
+        return self.mode == "drive"
 
     @model_validator(mode="after")
     def _one_work(self) -> "RuntimeConfig":
         """A recording, a map with routes of it, which needs the radar, or a field."""
         lines = [name for name in PortsTable.model_fields if getattr(self.ports, name) is not None]
+        if (self.mode == "calibrate") != (self.calibration is not None):
+            raise BrokenRuleError(
+                "calibration", "a table in mode calibrate only, which lgprjax calibrate writes", self.mode
+            )
+        if self.mode == "calibrate":
+            self._require(lines, ["drive_by_wire", "gnss", *(["controller"] if self.commands else [])])
+            return self
         if self.mode == "record":
             if self.map or self.routes or self.coverage is not None or self.output is not None:
                 raise self._of_work("none of them in mode record, which needs no map and gives out no position")
             if not {"gnss", "radar"} & set(lines):
                 raise BrokenRuleError("ports", "gnss or radar, or both", ", ".join(lines) or "none")
             return self
-        missing = [name for name in ("drive_by_wire", "controller", "gnss") if name not in lines]
-        if missing or not self.vehicle:
-            place = f"ports.{missing[0]}" if missing else "vehicle"
-            raise BrokenRuleError(place, 'a value, or mode = "record" to record without driving', "none")
+        self._require(lines, ["drive_by_wire", "controller", "gnss"])
         if self.coverage is not None:
             if self.map or self.routes:
                 raise self._of_work("either [coverage], or map and routes")
@@ -264,6 +299,12 @@ class RuntimeConfig(ConfigTable):
         elif not (self.map and self.routes and self.ports.radar is not None):
             raise self._of_work("map, routes and ports.radar, or [coverage]")
         return self
+
+    def _require(self, lines: list[str], needed: list[str]) -> None:
+        missing = [name for name in needed if name not in lines]
+        if missing or not self.vehicle:
+            place = f"ports.{missing[0]}" if missing else "vehicle"
+            raise BrokenRuleError(place, 'a value, or mode = "record" to record without driving', "none")
 
     def _of_work(self, expected: str) -> BrokenRuleError:
         deciding = ("map", "routes", "coverage", "output")

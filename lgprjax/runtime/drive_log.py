@@ -47,6 +47,8 @@ _SIGMA_HEIGHT, _SIGMA_ROLL_DEG = 2.0, 0.2
 _UNSURE_RAD = math.radians(5.0)
 """A heading of which the receiver states a larger sigma is not used."""
 _MOVING_MPS = 0.1
+_HEADING_NS = 300_000_000
+"""Headings farther apart say nothing of a position between them."""
 _PIECE, _AHEAD = 8_192, 2_048
 """Ticks that are smoothed at once, and those after them that are looked at as well: 164 s and 41 s."""
 _EVERY = 5
@@ -97,11 +99,12 @@ def drive_of_run(
         vehicle_file = config.path(config.vehicle)
     vehicle = None if vehicle_file is None else read_vehicle(vehicle_file)
     sigma_m = config.sensors.gnss_sigma_m
-    if config.mode == "record":
+    if config.mode != "drive":
+        calibrates = config.mode == "calibrate" and vehicle is not None
         return write_run_drive(
             reading,
             output,
-            source=recorded_tracks(reading, config, vehicle),
+            source=(measured_tracks if calibrates else recorded_tracks)(reading, config, vehicle),
             vehicle=vehicle,
             position_sigma_m=sigma_m,
             force=force,
@@ -154,6 +157,45 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
     tracks, radar = _tracks(sensed, poses, reading.clock[1], origin), config.radar
     frequency_hz = None if radar.centre_frequency_mhz is None else 1e6 * radar.centre_frequency_mhz
     return tracks._replace(channel_pitch_m=radar.channel_pitch_m, centre_frequency_hz=frequency_hz)
+
+
+def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: VehicleFile) -> RecordedTracks:
+    """Poses of the body origin at the receiver's own positions, not smoothed: their errors are those that it states.
+
+    Fits of a calibration weigh measurements by their errors; smoothed poses share theirs.
+
+    Args:
+        reading: of the run.
+        config: of the run.
+        vehicle: for the place of the antenna.
+
+    Raises:
+        InputError: the run has no clock, or fewer than two positions with a heading.
+    """
+    if reading.clock is None:
+        raise InputError(reading.folder, "segments", "a complete segment header, or run.json", "neither")
+    sensed = _Sensed.of(reading, config)
+    sensors, lever = config.sensors, (vehicle.navigation.gnss_x_m or 0.0, vehicle.navigation.gnss_y_m or 0.0)
+    placed_ns = np.array([place.time_ns for place in sensed.places], np.int64)
+    turned_ns = np.array([each.time_ns for each in sensed.attitudes], np.int64)
+    yaw, near = np.zeros(len(placed_ns)), np.zeros(len(placed_ns), bool)
+    if len(turned_ns) > 1:
+        yaw = np.interp(placed_ns, turned_ns, np.unwrap([each.yaw_rad for each in sensed.attitudes]))
+        after = np.clip(np.searchsorted(turned_ns, placed_ns), 1, len(turned_ns) - 1)
+        near = (
+            (np.diff(turned_ns)[after - 1] < _HEADING_NS) & (placed_ns >= turned_ns[0]) & (placed_ns <= turned_ns[-1])
+        )
+    if near.sum() < 2:
+        expected = "two positions or more with headings of the receiver"
+        raise InputError(reading.folder, "GNSS messages", expected, f"{near.sum()} of {len(placed_ns)}")
+    x, y, sigma = (
+        np.array([value for value, kept in zip(values, near, strict=True) if kept])
+        for values in zip(*((place.x_m, place.y_m, place.reported_m) for place in sensed.places), strict=True)
+    )
+    x, y = body_to_local(x, y, yaw[near], -lever[0], -lever[1])
+    sigma_yaw = math.radians(math.hypot(sensors.heading_sigma_deg, sensors.heading_slow_deg))
+    poses = _Poses(placed_ns[near], x, y, yaw[near], sigma, np.full(len(x), sigma_yaw))
+    return _tracks(sensed, poses, reading.clock[1], "positions and headings of the receiver, not smoothed")
 
 
 class _Ticks(NamedTuple):

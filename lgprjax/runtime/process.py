@@ -37,15 +37,18 @@ RINGS = {
     "poses": 256 << 10,  # control to output
     "view_state": 1 << 20,  # control to output
     "view_scans": 4 << 20,  # registration to output
+    "progress": 64 << 10,  # the command that leads a calibration, to control
     "page_scans": 1 << 20,  # registration to display, of a run that only records
 }
 """Rings and their sizes in bytes; each carries records (``messages``)."""
 
 
 def processes_of(config: RuntimeConfig) -> tuple[str, ...]:
-    """Processes of a run: a field needs no radar, a course needs no worked map; output only where it is asked for."""
+    """Processes of a run: neither a field nor a calibration needs a radar, a course needs no worked map; output only
+    where it is asked for.
+    """
     without = {"coverage" if config.coverage is None else "registration"}
-    without |= {"registration"} if config.ports.radar is None else set()
+    without |= {"registration"} if config.ports.radar is None or config.mode == "calibrate" else set()
     without |= {"output"} if config.output is None else set()
     return tuple(name for name in PROCESSES if name not in without)
 

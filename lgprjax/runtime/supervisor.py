@@ -331,7 +331,7 @@ def supervise(
 class _Supervisor:
     def __init__(self, config: RuntimeConfig, run_folder: Path, rings: Path, command: CommandMaker) -> None:
         self._needed = {"control", "registration"}
-        if config.recording.mandatory or config.mode == "record":
+        if config.recording.mandatory or config.mode != "drive":
             self._needed |= {"recorder", "coverage"}
         self._notifier = Notifier()
         self._watchdog_s = watchdog_s()

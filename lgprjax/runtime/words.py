@@ -86,7 +86,7 @@ def _words(bit: IntFlag) -> str:
     return str(bit.name).lower().replace("_", " ")
 
 
-ARRIVED = ("the end of the route is reached", "the plan is complete")
+ARRIVED = ("the end of the route is reached", "the plan is complete", "the manoeuvre is complete")
 """What ends a drive as it should."""
 EVENTS = {
     Event.BOOT_DONE: "the computer has started",

@@ -16,6 +16,7 @@ from lgprjax.errors import InputError
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.counter_steer import CounterSteer
+from lgprjax.runtime.control.manoeuvre import LoadedManoeuvre, ManoeuvreKind, load_manoeuvre
 from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem, ModeChange, ModeKeeper, SystemChecks
 from lgprjax.runtime.control.setup import Loaded, load
 from lgprjax.runtime.control.skid.setup import SkidLoaded, load_skid
@@ -36,7 +37,7 @@ from lgprjax.wire import Frame, Sender, decode
 
 # The vehicle that a configuration is about.
 
-AnyLoaded: TypeAlias = Loaded | SkidLoaded
+AnyLoaded: TypeAlias = Loaded | SkidLoaded | LoadedManoeuvre
 
 
 def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyLoaded:
@@ -49,8 +50,10 @@ def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyL
     Raises:
         InputError: a file cannot be used.
     """
-    if config.mode == "record":
-        raise InputError(config.file, "mode", "drive", "record: such a run has no commands")
+    if not config.commands:
+        raise InputError(config.file, "mode", "drive", f"{config.mode}: such a run has no commands")
+    if config.mode == "calibrate":
+        return load_manoeuvre(config)
     return load(config) if config.coverage is None else load_skid(config, place)
 
 
@@ -60,6 +63,8 @@ def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:
     Raises:
         InputError: the vehicle file lacks a number.
     """
+    if isinstance(loaded, LoadedManoeuvre):
+        return ManoeuvreKind(config, loaded)
     return CounterSteer(config, loaded) if isinstance(loaded, Loaded) else SkidSteerVehicle(config, loaded)
 
 
@@ -171,6 +176,7 @@ class ControlCore:
         self._monitor: dict[str, Any] = {}
         self._booted = False
         self._missing: list[str] = []
+        self._progress = ""
         self._why: list[str] = []
         self._slow: list[str] = []
         self._cause = self._stop_cause = ""
@@ -230,7 +236,9 @@ class ControlCore:
                 if self._box_unheard and record.source is Source.DRIVE_BY_WIRE:
                     self._learn_cut(decode(record.payload))
             case RecordKind.EVENT:
-                for event in self.processes.take(json.loads(record.payload)):
+                note = json.loads(record.payload)
+                self._progress = str(note.get("progress", self._progress))
+                for event in self.processes.take(note):
                     self._tell(event, now_ns)
             case RecordKind.MONITOR:
                 self._monitor = json.loads(record.payload)
@@ -365,6 +373,7 @@ class ControlCore:
             "processes": {name: "ready" if alive else "dead" for name, alive in self.processes.alive.items()},
             "monitor": self._monitor,
             "recording": {"lost": self.unrecorded},
+            "progress": self._progress,
         }
         self._out.append(Record(RecordKind.STATE, Source.CONTROL, self._tick, now_ns, finite_json(state_json)))
 

@@ -63,7 +63,7 @@ class Control:
     def __init__(self, started: Started) -> None:
         self._started, config = started, started.config
         self._log = started.ring("control_log")
-        self._incoming = [started.ring(name) for name in ("fixes", "notes", "monitor", "requests")]
+        self._incoming = [started.ring(name) for name in ("fixes", "notes", "monitor", "requests", "progress")]
         self._selected = SelectedRoute(started.rings)
         self._state = started.ring("state")
         priors, cover = started.ring("priors"), started.ring("cover")
@@ -81,7 +81,7 @@ class Control:
     def run(self) -> None:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
-        if config.mode == "record":
+        if not config.commands:
             self._record_only()
             return
         loaded = load_vehicle(config)
@@ -208,7 +208,7 @@ def header_record(
     header: dict[str, object] = {
         "version": __version__,
         "config": str(config.file),
-        "mode": config.mode,
+        "mode": config.mode if config.commands else "record",
         "hashes": hashes,
         "plan_sha256": hashes.get(plan) if plan else None,
         "session": session,

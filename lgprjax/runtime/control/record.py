@@ -56,7 +56,7 @@ class RecordCore:
     """What a recording run knows of its lines.
 
     Args:
-        config: of the run, of mode record.
+        config: of a run that sends no commands.
 
     Attributes:
         unrecorded: messages dropped on their way to the recorder.
@@ -68,6 +68,7 @@ class RecordCore:
         self._lines = {
             source: _LineRate() for source, name in _LINES.items() if getattr(config.ports, name) is not None
         }
+        self._calibration, self._progress = config.calibration, ""
         self._processes: dict[str, str] = {}
         self._monitor: dict[str, Any] = {}
         self._radar: list[str] = []
@@ -120,6 +121,9 @@ class RecordCore:
             "monitor": self._monitor,
             "recording": {"lost": self.unrecorded},
         }
+        if self._calibration is not None:
+            state |= {"manoeuvre": self._calibration.step, "prompt": self._calibration.prompt}
+            state["progress"] = self._progress
         if len(self._trail) != self._shown or tick % 100 == 0:
             self._shown = len(self._trail)
             state["path"] = self._trail
@@ -149,6 +153,7 @@ class RecordCore:
 
     def _take_note(self, note: dict[str, Any], mono_ns: int) -> None:
         """A note of the supervisor on a process, or of the registration process on the radar."""
+        self._progress = str(note.get("progress", self._progress))
         if "scans" in note:
             rate = self._lines.get(Source.RADAR)
             for _ in range(int(note["scans"]) if rate is not None else 0):

@@ -8,6 +8,7 @@ from lgprjax.navigation import Reaction
 from lgprjax.run_records import Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.modes import CheckItem
+from lgprjax.runtime.process import processes_of
 
 # Events of a tick for the mode machine: from watches, navigation, processes and the limiter.
 
@@ -105,6 +106,7 @@ def events_of(reported: ReportedState, seen: Seen) -> tuple[ReportedState, list[
 # Reports of the supervisor on the other processes, and their meaning for the modes.
 
 _SAYS = {
+    "display": "the operator's page is not available",
     "recorder": "nothing is being recorded",
     "coverage": "the map of worked ground is not being updated",
     "output": "the corrected position is not being sent",
@@ -129,9 +131,14 @@ class Processes:
 
     def __init__(self, config: RuntimeConfig) -> None:
         self.alive: dict[str, bool] = {}
-        self.mandatory = config.recording.mandatory
+        # A calibration is nothing without its recording, and its crew reads the page.
+        calibrates = config.mode == "calibrate"
+        self.mandatory = config.recording.mandatory or calibrates
+        self._kept = (*_KEPT, "display") if calibrates else _KEPT
         self.radar: list[str] = []
-        self._beside = "registration" if config.coverage is None else "coverage"
+        running = processes_of(config)
+        # The slowest to start.
+        self._beside = next(name for name in ("registration", "coverage", "recorder") if name in running)
 
     def take(self, note: dict[str, Any]) -> list[Event]:
         """Take a note of the supervisor, or of the radar; returns its event for the modes."""
@@ -161,7 +168,7 @@ class Processes:
     @property
     def lost(self) -> bool:
         """Whether the recording is mandatory and has failed."""
-        return self.mandatory and any(self.alive.get(name) is False for name in _KEPT)
+        return self.mandatory and any(self.alive.get(name) is False for name in self._kept)
 
     @property
     def slowly(self) -> bool:
