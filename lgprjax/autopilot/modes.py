@@ -179,6 +179,7 @@ class EngagementInhibit(Enum):
     OVERRIDE_PRESSED = auto()
     NOT_READY = auto()
     NOT_STEERING = auto()
+    NO_SPEED_CONTROL = auto()
     STOPPING = auto()
     BRAKE_PRESSED = auto()
     SOURCE_MISSING = auto()
@@ -254,6 +255,8 @@ class ModeState(NamedTuple):
         failures: deaths of supervised processes in the last minute, each by its event and its time.
         stopping: a controlled stop runs; it ends standing, in MANUAL.
         inhibit: why the last press of a button did not engage; NONE if it did.
+        speed_control: the vehicle has throttle and brake for the autopilot. Without them SPEED is never engaged, and
+            what would be a controlled stop hands over at once.
     """
 
     mode: Mode = Mode.BOOT
@@ -275,6 +278,7 @@ class ModeState(NamedTuple):
     failures: tuple[tuple[Event, float], ...] = ()
     stopping: bool = False
     inhibit: EngagementInhibit = EngagementInhibit.NONE
+    speed_control: bool = True
 
 
 def operator_drives(state: ModeState) -> bool:
@@ -502,7 +506,9 @@ def _steering_button(state: ModeState) -> Step:
 
 def _cruise_button(state: ModeState, event: Event) -> Step:
     inhibit = inhibit_of(state)
-    if inhibit is EngagementInhibit.NONE and operator_drives(state):
+    if not state.speed_control:
+        inhibit = EngagementInhibit.NO_SPEED_CONTROL
+    elif inhibit is EngagementInhibit.NONE and operator_drives(state):
         inhibit = EngagementInhibit.NOT_STEERING
     if inhibit is not EngagementInhibit.NONE:
         return state._replace(inhibit=inhibit), (Action.WARN,)
@@ -512,9 +518,15 @@ def _cruise_button(state: ModeState, event: Event) -> Step:
 
 
 def _stop_if_lost(state: ModeState) -> Step:
-    """A controlled stop if the autopilot drives and route or estimate are no longer sufficient."""
+    """A controlled stop if the autopilot drives and route or estimate are no longer sufficient.
+
+    Without a brake to stop with the operator must take over at once: the button lights up as in ERROR.
+    """
     if operator_drives(state) or state.stopping or (state.health_good and state.place is PathOffset.NEAR):
         return state, ()
+    if not state.speed_control:
+        state, actions = _hand_over(state)
+        return state, (*actions, Action.LIGHT_BUTTON)
     if state.motion is MeasuredSpeed.STANDING:
         return _hand_over(state)
     return state._replace(stopping=True), (Action.STOP_CONTROLLED, Action.WARN)

@@ -56,6 +56,7 @@ class Watch(IntFlag):
     TORQUE_UNREAD = 1 << 28
     HEADING_UNCONFIRMED = 1 << 29
     HEADING_CONTRADICTED = 1 << 30
+    ABOVE_LIMIT = 1 << 31
 
 
 SEVERITY = {
@@ -91,6 +92,7 @@ SEVERITY = {
     Watch.TORQUE_UNREAD: Severity.MANUAL,
     Watch.HEADING_UNCONFIRMED: Severity.CONTINUE,
     Watch.HEADING_CONTRADICTED: Severity.MANUAL,
+    Watch.ABOVE_LIMIT: Severity.STOP,
 }
 """Reaction to each finding while the autopilot drives."""
 
@@ -120,12 +122,13 @@ TEXT = {
     Watch.SECOND_SENDER: "another source commands the drive-by-wire box",
     Watch.ACTUATOR_FAULT: "drive-by-wire box reports a servo, throttle, brake or power fault",
     Watch.OFF_PATH: "more than 1 ft off the path",
-    Watch.FAR_OFF_PATH: "more than 3 ft off the path: stopping",
+    Watch.FAR_OFF_PATH: "more than 3 ft off the path",
     Watch.OVERRIDE_CONTACTS: "override button: wire cut or contact stuck",
     Watch.CONTROLLER_SILENT: "operator controller is silent",
     Watch.TORQUE_UNREAD: "steering torque of the operator is not a number",
     Watch.HEADING_UNCONFIRMED: "heading not confirmed yet: drive two metres",
     Watch.HEADING_CONTRADICTED: "heading contradicts the direction of travel: reversed?",
+    Watch.ABOVE_LIMIT: "driven faster than the speed limit for 5 s",
 }
 """Each finding in plain words."""
 
@@ -287,6 +290,33 @@ def step_path_watch(
     off = step_dwell(state.off, arrived and beyond(offset, FOOT_M), step_s, on_s=OFF_S, off_s=BACK_S)
     far = step_dwell(state.far, not known or (arrived and offset > FAR_M), step_s, on_s=OFF_S, off_s=BACK_S)
     return PathWatchState(arrived, off, far), as_watch(off.on * Watch.OFF_PATH | far.on * Watch.FAR_OFF_PATH)
+
+
+# Speed above the limit where the operator has the pedals: the autopilot cannot slow the vehicle down.
+
+LIMIT_MARGIN_MPS = 0.3
+"""What a foot holds a speed to."""
+ABOVE_S = 5.0
+"""Time to read the limit, and to slow down to it from 10 mph to 2 m/s at 0.7 m/s²."""
+
+
+def step_limit_watch(
+    above: Dwell, *, engaged: bool, speed_mps: float, limit_mps: float, step_s: float
+) -> tuple[Dwell, Watch]:
+    """State and findings of a tick; a speed or limit that is NaN is no finding here.
+
+    Args:
+        above: of the last tick.
+        engaged: the autopilot steers.
+        speed_mps: signed.
+        limit_mps: fastest speed that route and navigation allow; may be infinite.
+        step_s: since the last tick.
+    """
+    if not engaged:
+        return Dwell(), Watch(0)
+    faster = abs(speed_mps) > limit_mps + LIMIT_MARGIN_MPS
+    above = step_dwell(above, faster, counted_step_s(step_s), on_s=ABOVE_S)
+    return above, as_watch(above.on * Watch.ABOVE_LIMIT)
 
 
 # The vehicle model of the watches: plain numbers of its calibration.

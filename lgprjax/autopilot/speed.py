@@ -97,6 +97,13 @@ def init_velocity(speed_mps: Float[Array, "..."]) -> VelocityState:
     return VelocityState(speed_mps, speed_mps, free.amount, jnp.zeros(speed_mps.shape, jnp.int32), free, free)
 
 
+def follow_speed(state: VelocityState, speed_mps: Float[Array, "..."]) -> VelocityState:
+    """State of a step in which the operator drives the pedals: that of the vehicle; a NaN speed keeps the last one."""
+    known = jnp.isfinite(speed_mps)
+    free = _free(state.reference_mps)
+    return _pick(known, init_velocity(jnp.where(known, speed_mps, 0.0)), state._replace(throttle=free, brake=free))
+
+
 def step_velocity(
     settings: VelocitySettings,
     pedals: Pedals,
@@ -149,8 +156,7 @@ def step_velocity(
     # The integral learnt on a grade while rolling does not apply to moving off.
     standing = init_velocity(jnp.zeros_like(speed))._replace(pedal=jnp.full_like(pedal, -1), brake=held)
     drives = active & known
-    free = _free(speed)
-    undriven = _pick(known, init_velocity(speed), state._replace(throttle=free, brake=free))
+    undriven = follow_speed(state, jnp.where(known, speed_mps, jnp.nan))
     after = _pick(drives, _pick(stands, standing, driven), undriven)
     return after, jnp.where(drives, throttle, 0.0), jnp.where(drives, brake, 0.0)
 

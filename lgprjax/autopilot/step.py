@@ -15,6 +15,7 @@ from lgprjax.autopilot.speed import (
     VelocitySettings,
     VelocityState,
     default_velocity,
+    follow_speed,
     init_velocity,
     step_stop,
     step_velocity,
@@ -57,7 +58,7 @@ class AutopilotConfig(NamedTuple):
     """The model of the vehicle, and the settings.
 
     Attributes:
-        chassis, pedals: the vehicle.
+        chassis, pedals: the vehicle; its operator has throttle and brake where pedals are ``None``.
         look_ahead: over the commanded speed; it replaces the planner's constant one.
         planner, velocity, limiter: settings of the parts.
         weak_exponent, least_share: how the look-ahead grows as the servo's torque falls, and down to which share of it;
@@ -65,7 +66,7 @@ class AutopilotConfig(NamedTuple):
     """
 
     chassis: Chassis
-    pedals: Pedals
+    pedals: Pedals | None
     look_ahead: LookAhead
     planner: PlannerSettings
     velocity: VelocitySettings
@@ -115,7 +116,8 @@ class AutopilotInfo(NamedTuple):
     Attributes:
         plan: from the planner, with the required gear.
         limited: bits of ``Limited``; the one that requests manual mode is an error for the mode machine.
-        wanted_mps: speed being held or approached; 0 in a stop.
+        wanted_mps: speed being held or approached; 0 in a stop. Without pedals the fastest that navigation and route
+            allow.
         reachable: the goal is on an arc within the wheels' limits.
         look_ahead_m: that was steered by, lengthened for a weak servo.
     """
@@ -140,7 +142,8 @@ def step_autopilot(
     The anchor is steered along the route with the yaw gain of the speed fed forward. Speed is the least of the
     operator's setting and the limits of navigation and route. In a stop the throttle is idle, the brake ramped, and the
     wheels steer on along the route as long as there is a pose; the same applies if the vehicle rolls against the
-    planned gear. Without a known place on the route the wheels keep their angle.
+    planned gear. Without a known place on the route the wheels keep their angle. Without pedals neither is pressed, and
+    the set speed is ignored.
 
     A NaN pose or speed makes a NaN command, which the limiter handles. Only in a stop may the speed be missing.
 
@@ -164,19 +167,15 @@ def step_autopilot(
     engaged = inputs.steering_engaged
     along_mps = inputs.speed_mps * plan.gear
     stops = (inputs.reaction == Reaction.STOP) | (along_mps < -config.velocity.standing_mps)
-    wanted = jnp.minimum(jnp.minimum(inputs.set_speed_mps, inputs.speed_cap_mps), plan.speed_limit_mps)
+    wanted = jnp.minimum(inputs.speed_cap_mps, plan.speed_limit_mps)
+    if config.pedals is not None:
+        wanted = jnp.minimum(inputs.set_speed_mps, wanted)
 
     front, reachable = _steer(config, plan, inputs.speed_mps, stops, state.limiter.last.front_rad)
     pose_is_one = jnp.isfinite(pose.x_m) & jnp.isfinite(pose.y_m) & jnp.isfinite(pose.yaw_rad)
     front = jnp.where(pose_is_one, front, jnp.nan)
 
-    drives = engaged & inputs.speed_engaged
-    held, throttle, brake = step_velocity(
-        config.velocity, config.pedals, state.velocity, wanted, along_mps, drives, step_s
-    )
-    throttle = jnp.where(drives & ~jnp.isfinite(wanted + along_mps), jnp.nan, throttle)
-    stopped = step_stop(config.velocity, config.pedals, state.velocity, jnp.abs(inputs.speed_mps), step_s)
-    velocity, throttle, brake = _pick(engaged & stops, stopped, (held, throttle, brake))
+    velocity, throttle, brake = _drive(config, state.velocity, inputs, wanted, along_mps, stops, step_s)
 
     # Not engaged, nothing is told to anybody: the limiter stands where the operator has the wheels.
     wheels_known = jnp.isfinite(inputs.front_rad)
@@ -210,6 +209,27 @@ def _steer(
 _Driven = tuple[VelocityState, Float[Array, "..."], Float[Array, "..."]]
 
 
+def _drive(
+    config: AutopilotConfig,
+    state: VelocityState,
+    inputs: AutopilotInputs,
+    wanted_mps: Float[Array, ""],
+    along_mps: Float[Array, ""],
+    stops: Bool[Array, ""],
+    step_s: Float[Array, ""],
+) -> _Driven:
+    """State of the velocity control, throttle and brake."""
+    if config.pedals is None:
+        free = jnp.zeros_like(along_mps)
+        return follow_speed(state, along_mps), free, free
+    engaged = inputs.steering_engaged
+    drives = engaged & inputs.speed_engaged
+    held, throttle, brake = step_velocity(config.velocity, config.pedals, state, wanted_mps, along_mps, drives, step_s)
+    throttle = jnp.where(drives & ~jnp.isfinite(wanted_mps + along_mps), jnp.nan, throttle)
+    stopped = step_stop(config.velocity, config.pedals, state, jnp.abs(inputs.speed_mps), step_s)
+    return _pick(engaged & stops, stopped, (held, throttle, brake))
+
+
 def _pick(choice: Bool[Array, ""], chosen: _Driven, other: _Driven) -> _Driven:
     picked: _Driven = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
     return picked
@@ -229,7 +249,7 @@ def onboard_setup(
     *,
     model: FilterModel,
     chassis: Chassis,
-    pedals: Pedals,
+    pedals: Pedals | None,
     look_ahead: LookAhead,
     front_rate_radps: Float[Array, "..."],
     tick_s: float,
@@ -242,7 +262,7 @@ def onboard_setup(
 
     Args:
         model: of the filter.
-        chassis, pedals: as they are believed to be.
+        chassis, pedals: as they are believed to be; ``None`` where the operator has throttle and brake.
         look_ahead: over the commanded speed.
         front_rate_radps: fastest turning of the front wheels.
         tick_s: of the loop.
@@ -265,13 +285,15 @@ def onboard_setup(
             risk=risk,
         ),
     )
+    # The limiter of a vehicle without pedals lets none be pressed, whatever the command says.
+    throttle_rate, brake_rate, default_brake = (0.0, 0.0, 0.0) if pedals is None else (2.0, 4.0, 0.5)
     limits = LimiterRules(
         largest_front_rad=chassis.largest_angle_rad,
         front_rate_radps=front_rate_radps,
-        throttle_rate_per_s=one(2.0),
-        brake_rate_per_s=one(4.0),
+        throttle_rate_per_s=one(throttle_rate),
+        brake_rate_per_s=one(brake_rate),
         oldest_s=one(0.2),
-        default_brake=one(0.5),
+        default_brake=one(default_brake),
         release_rate_radps=one(0.1),
     )
     # Slopes of some per cent ask for a firmer hand than a road.

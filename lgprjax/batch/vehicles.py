@@ -90,8 +90,8 @@ def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
     )
 
 
-def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals:
-    """Both pedals that a file describes, scalars in float32.
+def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals | None:
+    """Both pedals that a file describes, scalars in float32; ``None`` where it says that the kit only steers.
 
     Args:
         vehicle: the vehicle.
@@ -100,6 +100,8 @@ def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals
     Raises:
         InputError: a required number is not in the file.
     """
+    if not vehicle.speed_control:
+        return None
     throttle, brake = (
         Pedal(
             *(

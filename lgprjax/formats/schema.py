@@ -195,7 +195,7 @@ def check_scalar(entry: Entry, value: object) -> str | None:
         tally = Tally(entry)
         tally.add(np.asarray([value], dtype=np.float64))
         return f"{float(value):g}" if tally.bad else None
-    if not isinstance(value, str):
+    if not isinstance(value, bool if kind == "boolean" else str):
         return f"{value!r}"
     if entry.choices and value not in entry.choices:
         problem = f"{value!r}"
@@ -215,7 +215,13 @@ def check_scalar(entry: Entry, value: object) -> str | None:
 
 def expected_scalar(entry: Entry) -> str:
     """The expected value of an attribute or key, in words."""
-    words = {"number": "a number", "string": "a text", "utc": "a UTC time in ISO 8601", "json": "a JSON object"}
+    words = {
+        "number": "a number",
+        "string": "a text",
+        "boolean": "true or false",
+        "utc": "a UTC time in ISO 8601",
+        "json": "a JSON object",
+    }
     parts = [words[entry.dtype[0]]]
     parts += [{"finite": "finite", "positive": "above zero", "non_negative": "zero or more"}[c] for c in entry.checks]
     if entry.bounds is not None:

@@ -237,11 +237,12 @@ class Found(ConfigTable):
 
 
 class VehicleFile(ConfigTable):
-    """Everything of an ``X.vehicle.toml``."""
+    """Everything of an ``X.vehicle.toml``; without ``speed_control`` the operator has throttle and brake."""
 
     name: str
     steering_kind: Literal["counter_steer", "skid_steer"]
     serial_number: str | None = None
+    speed_control: bool = True
     chassis: ChassisTable = ChassisTable()
     steering: SteeringTable = SteeringTable()
     skid_steer: SkidSteerTable = SkidSteerTable()
@@ -257,6 +258,17 @@ class VehicleFile(ConfigTable):
     array: ArrayTable = ArrayTable()
     navigation: NavigationTable = NavigationTable()
     found: dict[str, Found] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _steers_at_least(self) -> "VehicleFile":
+        if self.speed_control:
+            return self
+        if self.steering_kind != "counter_steer":
+            raise BrokenRuleError("speed_control", "true: a skid-steer vehicle turns by its speeds", "false")
+        for name in ("throttle", "brake", "resistance"):
+            if getattr(self, name).model_dump(exclude_none=True):
+                raise BrokenRuleError(name, "no such table where speed_control is false", "one")
+        return self
 
     @model_validator(mode="after")
     def _found_is_there(self) -> "VehicleFile":
@@ -316,12 +328,12 @@ def read_vehicle(path: str | Path) -> VehicleFile:
 
 
 def write_vehicle(path: str | Path, vehicle: VehicleFile, *, force: bool = False) -> None:
-    """Write a vehicle to its file, each key with its description.
+    """Write a vehicle to its file, each key with its description; what is as without a key has none.
 
     Raises:
         InputError: a value does not match the schema, or the output exists (without ``force``) or cannot be written.
     """
-    table = vehicle.model_dump(exclude_none=True)
+    table = vehicle.model_dump(exclude_defaults=True)
     header = {"schema": _SCHEMA.name, "schema_version": _SCHEMA.version}
     for finding in table_problems(path, {**header, **table}):
         raise finding.error()

@@ -4,12 +4,23 @@ from pathlib import Path
 
 from canon.map import of_many_grounds
 from lgprjax.files import file_hash
-from lgprjax.formats import MapFile, RouteFile, write_route
+from lgprjax.formats import MapFile, RouteFile, VehicleFile, read_vehicle, write_route, write_vehicle
 from lgprjax.mapping import build_map, routes_of
 from lgprjax.simulation.loop import OffRoad, make_course
 
 COURSE = OffRoad(2, 150.0, 3)
 ROOT = Path(__file__).resolve().parents[2]
+
+
+def make_steering_only(folder: Path) -> str:
+    """Write the course's vehicle without throttle and brake; name of its file."""
+    table = read_vehicle(ROOT / "onboard" / "made_up.vehicle.toml").model_dump(exclude_none=True)
+    pedals = ("throttle", "brake", "resistance")
+    kept = {name: value for name, value in table.items() if name not in pedals}
+    kept["found"] = {path: each for path, each in table["found"].items() if not path.startswith(pedals)}
+    only = VehicleFile.model_validate({**kept, "speed_control": False})
+    write_vehicle(folder / "steering_only.vehicle.toml", only, force=True)
+    return "steering_only.vehicle.toml"
 
 
 def make_course_run(folder: Path) -> None:

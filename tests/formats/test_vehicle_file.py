@@ -113,6 +113,17 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["b.vehicle.toml"]
 
 
+def test_a_kit_that_only_steers_says_so_and_no_other_file_does(tmp_path: Path) -> None:
+    path = _write(tmp_path, _TEXT.replace("[chassis]", "speed_control = false\n[chassis]"))
+    only = read_vehicle(path)
+    assert not only.speed_control
+    assert read_vehicle(_write(tmp_path, _TEXT)).speed_control
+    write_vehicle(tmp_path / "only.vehicle.toml", only)
+    assert read_vehicle(tmp_path / "only.vehicle.toml") == only
+    write_vehicle(tmp_path / "both.vehicle.toml", only.model_copy(update={"speed_control": True}))
+    assert "speed_control" not in (tmp_path / "both.vehicle.toml").read_text(encoding="utf-8")
+
+
 def test_a_value_out_of_range_is_not_written(tmp_path: Path) -> None:
     wrong = VehicleFile(name="x", steering_kind="counter_steer", chassis=ChassisTable(wheelbase_m=-1.0))
     with refused("chassis.wheelbase_m", 0.1, 20, found=-1):
@@ -151,6 +162,10 @@ _WRONG: list[tuple[str, str, str, tuple[object, ...]]] = [
     ("low = 0.62", "low = [0.62, 0.62]", _FOUND, (1, "2 and 1")),
     ("lgprjax.vehicle", "lgprjax.drive", "@schema", ("lgprjax.vehicle", "lgprjax.drive")),
     ("[steering]", "[steering", "file", ("TOML",)),
+    ("[chassis]", "speed_control = 0\n[chassis]", "speed_control", (0,)),
+    ('"counter_steer"', '"skid_steer"\nspeed_control = false', "speed_control", ("true",)),
+    ("[chassis]", "speed_control = false\n[brake]\nlag_s = 0.2\n[chassis]", "brake", ("speed_control",)),
+    ("[chassis]", "speed_control = false\n[resistance]\nrolling_mps2 = 0.1\n[chassis]", "resistance", ()),
 ]
 
 

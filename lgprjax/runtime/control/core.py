@@ -160,7 +160,11 @@ class ControlCore:
 
     def __init__(self, config: RuntimeConfig, loaded: AnyLoaded, *, session: int, after_death: bool) -> None:
         self.kind: VehicleKind = make_kind(config, loaded)
-        self.modes = ModeKeeper(after_death=after_death, speed_step_mps=config.control.set_speed_step_mps)
+        self.modes = ModeKeeper(
+            after_death=after_death,
+            speed_step_mps=config.control.set_speed_step_mps,
+            speed_control=self.kind.speed_control,
+        )
         self.processes = Processes(config)
         self.unrecorded = 0
         self._after_death = after_death
@@ -323,9 +327,10 @@ class ControlCore:
         return [*lost, *late, *(causes_of(event, status.why) if not late else [])]
 
     def _tell_slow(self, now_ns: int) -> None:
-        """Tell when the reasons change for which the vehicle drives slowly."""
+        """Tell when the reasons change for which the vehicle drives slowly, or its operator must."""
         process = ["the map of worked ground is not being updated"] if self.processes.slowly else []
-        slow = [*process, *self.kind.slow()] if self.modes.engage & PEDALS and not self.modes.stopping else []
+        limited = self.modes.engage & (PEDALS if self.kind.speed_control else STEERING) and not self.modes.stopping
+        slow = [*process, *self.kind.slow()] if limited else []
         if slow != self._slow:
             self._slow = slow
             self._event(now_ns, {"slow": slow})
@@ -357,6 +362,7 @@ class ControlCore:
             "tick": self._tick,
             "time_s": now_ns / 1e9,
             "mode": modes.mode.name,
+            "lit": modes.lit,
             "mode_since_s": now_ns / 1e9 - modes.since_s,
             "warnings": [*self.kind.warnings(), *self.processes.warnings, *self._monitor.get("warnings", [])],
             "refusal": inhibit_of(modes.state).name,

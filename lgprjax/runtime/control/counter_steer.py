@@ -402,12 +402,14 @@ class CounterSteer:
 
     Attributes:
         pilot: navigation and autopilot; senses: messages received.
+        speed_control: by the vehicle file.
 
     Raises:
         InputError: the vehicle file lacks a number.
     """
 
     def __init__(self, config: RuntimeConfig, loaded: Loaded) -> None:
+        self.speed_control = loaded.vehicle.speed_control
         self.senses = Senses(loaded.frame, config.sensors)
         self.pilot = Pilot(loaded, config.control, config.sensors)
         self._watches = Watches(config, loaded.vehicle)
@@ -456,6 +458,7 @@ class CounterSteer:
             heading_rad=math.nan if attitude is None or now_ns - attitude.time_ns > _OLD_NS else attitude.yaw_rad,
             cross_track_m=self.pilot.result.offset_m,
             estimated_mps=self.pilot.result.speed_mps,
+            limit_mps=self.pilot.result.wanted_mps,
         )
         if not self.pilot.started and place is not None and attitude is not None and _is_sure(attitude):
             self.pilot.start(place, attitude, watched.front_rad)
@@ -501,6 +504,7 @@ class CounterSteer:
         place, attitude = self.senses.place, self.senses.attitude
         here = self.pilot.started and place is not None and attitude is not None
         unrecorded = processes.silent("recorder") and processes.mandatory
+        tested = CheckItem(Check.BRAKE, bool(state & BoxState.BRAKE_TESTED), "the braking test has not passed")
         return [
             *box_checks(found, received=wheels is not None),
             CheckItem(
@@ -511,7 +515,7 @@ class CounterSteer:
             CheckItem(Check.GNSS_INS, here, "no position or no heading"),
             CheckItem(Check.LGPR, not processes.silent("registration"), "the registration process is not ready"),
             CheckItem(Check.STORAGE, not unrecorded, "nothing is being recorded"),
-            CheckItem(Check.BRAKE, bool(state & BoxState.BRAKE_TESTED), "the braking test has not passed"),
+            *([tested] if self.speed_control else []),
         ]
 
     def step(self, wish: Wish, now_ns: int) -> None:
@@ -574,6 +578,7 @@ class CounterSteer:
         """State for the display."""
         return {
             **self._panel.state(tick, self.pilot.route, self.pilot.result),
+            "limit_mps": math.nan if self.speed_control else self.pilot.result.wanted_mps,
             "look_ahead_m": self.pilot.result.look_ahead_m,
             "torque_share": self._watches.torque_share,
         }

@@ -335,13 +335,16 @@ class ManoeuvreKind:
     Args:
         config: of the run.
         loaded: its files.
+
+    Attributes:
+        speed_control: the manoeuvre is one of the pedals; in one of the steering they are never engaged.
     """
 
     def __init__(self, config: RuntimeConfig, loaded: LoadedManoeuvre) -> None:
         table = loaded.table
         self._table, self._belief = table, loaded.belief
         self._largest_rad = min(table.amplitude_rad, _LARGEST_SHARE * loaded.belief.largest_rad)
-        self._moves = table.commands == "pedals"
+        self.speed_control = self._moves = table.commands == "pedals"
         self._steering, self._pedals = SteeringProgram(self._largest_rad), PedalProgram(table.fastest_mps)
         self._senses = Senses(None, config.sensors)
         self._shared = SharedWatches(config.control, STEERING | PEDALS)
@@ -488,10 +491,8 @@ class ManoeuvreKind:
         self._result = (front, throttle, brake, bits)
 
     def command(self, engage: int) -> OutgoingFrame:
-        """Command to send; a steering manoeuvre has no pedals but the brake of a stop."""
+        """Command to send."""
         front, throttle, brake, _ = self._result
-        if not self._moves:
-            throttle = 0.0
         if not engage & PEDALS:
             throttle = brake = 0.0
         self._sent = SentCommand(front, throttle, brake, engage)

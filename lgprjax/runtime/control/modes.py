@@ -23,6 +23,8 @@ class ModeKeeper:
     Args:
         after_death: this control process replaces one that died: an error holds until it is up, and only the override
             button leaves it.
+        speed_step_mps: of the cruise buttons.
+        speed_control: the vehicle has throttle and brake for the autopilot.
 
     Attributes:
         state: of the mode machine.
@@ -34,8 +36,8 @@ class ModeKeeper:
         since_s: time at which the mode was entered.
     """
 
-    def __init__(self, *, after_death: bool, speed_step_mps: float) -> None:
-        self.state = ModeState()
+    def __init__(self, *, after_death: bool, speed_step_mps: float, speed_control: bool = True) -> None:
+        self.state = ModeState(speed_control=speed_control)
         self.engage = 0
         self.stopping = False
         self.set_speed_mps = 0.0

@@ -459,12 +459,14 @@ def chassis_belief(vehicle: VehicleFile, path: Path) -> ChassisBelief:
     )
 
 
-def pedals_belief(vehicle: VehicleFile, path: Path) -> PedalsBelief:
-    """Both pedals.
+def pedals_belief(vehicle: VehicleFile, path: Path) -> PedalsBelief | None:
+    """Both pedals; ``None`` where the kit only steers.
 
     Raises:
         InputError: a number required by the watches is not in the file.
     """
+    if not vehicle.speed_control:
+        return None
     throttle, brake = (
         PedalBelief(
             *(

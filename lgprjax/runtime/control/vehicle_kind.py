@@ -270,7 +270,13 @@ class OutgoingFrame(NamedTuple):
 
 @runtime_checkable
 class VehicleKind(Protocol):
-    """A vehicle in the control loop. Methods are called in this order in a tick."""
+    """A vehicle in the control loop. Methods are called in this order in a tick.
+
+    Attributes:
+        speed_control: the computer can command its speed.
+    """
+
+    speed_control: bool
 
     @property
     def lock_mps(self) -> float:

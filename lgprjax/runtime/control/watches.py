@@ -27,6 +27,7 @@ from lgprjax.autopilot.monitors import (
     curvature,
     severity_of,
     step_dwell,
+    step_limit_watch,
     step_line_watch,
     step_motion,
     step_path_watch,
@@ -88,10 +89,12 @@ class SharedWatches:
     Args:
         control: of the configuration.
         bits: of ``engage`` with which the computer controls the vehicle.
+        tests_brake: it has a brake, which must have passed its test.
     """
 
-    def __init__(self, control: ControlTable, bits: int) -> None:
+    def __init__(self, control: ControlTable, bits: int, *, tests_brake: bool) -> None:
         self._control, self._bits = control, bits
+        self._untested = Watch(0) if tests_brake else Watch.BRAKE_UNTESTED
         self._line, self._motion, self._buttons = LineWatchState(), MotionState(), ButtonState()
 
     def step(
@@ -139,7 +142,7 @@ class SharedWatches:
         self._motion, moved = step_motion(
             self._motion, speed_mps=speed_mps, fastest_engage_mps=self._control.fastest_engage_mps, step_s=step_s
         )
-        return bits | found, [*pressed, *moved]
+        return (bits | found) & ~self._untested, [*pressed, *moved]
 
 
 class Watches:
@@ -155,14 +158,14 @@ class Watches:
 
     def __init__(self, config: RuntimeConfig, vehicle: VehicleFile) -> None:
         path = config.path(config.vehicle)
-        self._shared = SharedWatches(config.control, _TOLD)
+        self._shared = SharedWatches(config.control, _TOLD, tests_brake=vehicle.speed_control)
         self._wheel, self._chassis = wheel_belief(vehicle, path), chassis_belief(vehicle, path)
         self._pedals = pedals_belief(vehicle, path)
         self._sensors: WheelSensorState = init_wheel_sensors()
         self._servo, self._rear, self._pedal = ServoWatchState(), ChassisWatchState(), PedalWatchState()
         self._odometer, self._path = OdometerWatchState(), PathWatchState()
         self._heading, self._torque = HeadingWatchState(), TorqueState()
-        self._doubt, self._blind = Dwell(), Dwell()
+        self._doubt, self._blind, self._above = Dwell(), Dwell(), Dwell()
         self._session = 0
 
     @property
@@ -181,6 +184,7 @@ class Watches:
         heading_rad: float,
         cross_track_m: float,
         estimated_mps: float,
+        limit_mps: float,
     ) -> Watched:
         """A tick.
 
@@ -193,6 +197,7 @@ class Watches:
             heading_rad: by GNSS/INS, NaN without one.
             cross_track_m: of the last tick.
             estimated_mps: speed by the navigation, of the last tick; NaN before there is a pose.
+            limit_mps: of the speed, of the last tick; NaN before there is a pose.
         """
         time_s, step_s = now_ns / 1e9, sensed.step_s
         steers = bool(sent.engage & STEERING)
@@ -214,6 +219,12 @@ class Watches:
             bits |= found
         self._path, found = step_path_watch(self._path, engaged=steers, cross_track_m=cross_track_m, step_s=step_s)
         bits |= found
+        believed_mps = self._believed_mps(speed, bits, steers or bool(sent.engage & PEDALS), estimated_mps, step_s)
+        if self._pedals is None:
+            self._above, found = step_limit_watch(
+                self._above, engaged=steers, speed_mps=believed_mps, limit_mps=limit_mps, step_s=step_s
+            )
+            bits |= found
         found, events = self._shared.step(
             status_age_s=math.inf if wheels is None else sensed.wheels_age_s,
             box=(0, 0) if wheels is None else (wheels.bits("state"), wheels.bits("engaged")),
@@ -221,7 +232,7 @@ class Watches:
             statuses=statuses,
             controller_age_s=controller_age_s,
             hands=hands,
-            speed_mps=self._believed_mps(speed, bits, steers or bool(sent.engage & PEDALS), estimated_mps, step_s),
+            speed_mps=believed_mps,
             step_s=step_s,
         )
         bits |= found
@@ -277,17 +288,20 @@ class Watches:
             step_s=step_s,
         )
         known = not more & ODOMETER
-        self._pedal, pressed = step_pedal_watch(
-            self._pedals,
-            self._pedal,
-            engaged=engaged,
-            command=PedalReading(sent.throttle, sent.brake),
-            measured=PedalReading(wheels.number("throttle"), wheels.number("brake")),
-            speed_mps=speed,
-            speed_trusted=known,
-            step_s=step_s,
-        )
-        return known, found | more | pressed
+        found |= more
+        if self._pedals is not None:
+            self._pedal, more = step_pedal_watch(
+                self._pedals,
+                self._pedal,
+                engaged=engaged,
+                command=PedalReading(sent.throttle, sent.brake),
+                measured=PedalReading(wheels.number("throttle"), wheels.number("brake")),
+                speed_mps=speed,
+                speed_trusted=known,
+                step_s=step_s,
+            )
+            found |= more
+        return known, found
 
     def _step_wheels(
         self, wheels: BoxStatus, sensed: Sensed, sent: SentCommand, speed_mps: float, speed_known: bool

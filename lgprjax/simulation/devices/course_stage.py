@@ -148,7 +148,13 @@ class CourseStage(Stage[DriveBox, Tick]):
             orders = self.drive_box.orders(begin_ns)
             command, held = self.drive_box.command, self.drive_box.held
             self._hands = self._driver.step(
-                running, before.x_m, before.y_m, before.yaw_rad, before.speed_mps, has_pedals=not orders.pedals
+                running,
+                before.x_m,
+                before.y_m,
+                before.yaw_rad,
+                before.speed_mps,
+                has_pedals=not orders.pedals,
+                is_steered=orders.steering,
             )
         turned = self._body.step(orders, self._hands)
         with self._lock:

@@ -239,6 +239,8 @@ _STANDS_MPS = 0.05
 _TAP_BRAKE, _HALT_BRAKE, _PARKED_BRAKE = 0.22, 0.45, 0.5
 _END_M = 2.0
 _BACK, _ON = 10, 200
+_DOWN, _UP = 12, 6
+"""Ticks of a tap of the brake, shorter than what takes over, and between two of them."""
 
 
 class DriverInput(NamedTuple):
@@ -326,6 +328,7 @@ class Driver:
         self._way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*step.T))])
         self._at = 0
         self._speed_mps: float | None = None
+        self._braked = 0
         self._told: ScriptItem | None = None
 
     def step(
@@ -337,13 +340,18 @@ class Driver:
         speed_mps: float,
         *,
         has_pedals: bool,
+        is_steered: bool,
     ) -> DriverInput:
         """Actions of the driver at a true pose of the rear axle.
+
+        A held brake takes the steering back: while it is engaged the driver brakes in taps, and drives on at the end of
+        the road until it is handed over.
 
         Args:
             running: items of the script that run.
             x_m, y_m, yaw_rad, speed_mps: of the rear axle.
             has_pedals: nobody else holds them.
+            is_steered: the box holds the wheels.
         """
         items = list(running)
         # The last order holds until another one.
@@ -352,8 +360,12 @@ class Driver:
             self._told = orders[-1]
             self._speed_mps = None if self._told.name == "stand" else float(self._told.numbers["speed_mps"])
         front, to_go_m = self._steer(x_m, y_m, yaw_rad, speed_mps)
-        wanted = self._speed_mps if to_go_m > _END_M else None
+        wanted = self._speed_mps if to_go_m > _END_M or is_steered else None
         pedals = pedals_for_speed(self._vehicle, wanted, speed_mps) if has_pedals else (0.0, 0.0, False)
+        foot = pedals[2]
+        self._braked = (self._braked + 1) % (_DOWN + _UP) if foot or self._braked >= _DOWN else 0
+        if is_steered and wanted is not None and self._braked >= _DOWN:
+            pedals = (0.0, 0.0, False)
         return scripted_input(items, front, pedals)
 
     def _steer(self, x_m: float, y_m: float, yaw_rad: float, speed_mps: float) -> tuple[float, float]:
@@ -394,9 +406,10 @@ class HandDriver:
         speed_mps: float,
         *,
         has_pedals: bool,
+        is_steered: bool,
     ) -> DriverInput:
         """Actions of the driver; see ``Driver.step``."""
-        del x_m, y_m, yaw_rad
+        del x_m, y_m, yaw_rad, is_steered
         told = self._manoeuvre
         at = min(int(self._time_s / MOTION_STEP_S), len(told.time_s) - 1)
         wanted = float(told.speed_mps[at])

@@ -290,10 +290,12 @@ class SkidSteerVehicle:
 
     Attributes:
         pilot: navigation and autopilot; senses: messages received.
+        speed_control: it turns by its speeds.
     """
 
     def __init__(self, config: RuntimeConfig, loaded: SkidLoaded) -> None:
         assert config.coverage is not None
+        self.speed_control = True
         self.senses = SkidSenses(loaded.frame, config.sensors)
         self.pilot = SkidPilot(loaded, config.coverage)
         self._loaded, self._lock_mps = loaded, config.coverage.speed_mps

@@ -267,7 +267,8 @@ class SkidWatches:
     """
 
     def __init__(self, control: ControlTable, tool: ToolBelief) -> None:
-        self._shared, self._belief = SharedWatches(control, DRIVE), tool
+        # Its drives hold at standstill: there is no brake to test.
+        self._shared, self._belief = SharedWatches(control, DRIVE, tests_brake=False), tool
         self._tool, self._tracks = ToolWatchState(), TrackWatchState()
         self._corner_down, self._last = True, 0
         self._held = SkidFound(0)
@@ -316,8 +317,6 @@ class SkidWatches:
             speed_mps=speed,
             step_s=step_s,
         )
-        # Its drives hold at standstill: there is no brake to test.
-        bits &= ~Watch.BRAKE_UNTESTED
         severity = max(severity_of(bits), severity_of_found(found))
         return SkidWatched(bits, found, severity, events, self._corner(operator), reading)
 
