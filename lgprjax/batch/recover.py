@@ -419,14 +419,14 @@ class RunTracks:
         if not len(plan):
             return measured
         held = plan[np.searchsorted(known.plan_ns, at, side="right") - 1]
-        turned = {"yaw_rate_radps": np.interp(at, known.prior_ns, known.prior["yaw_rate_radps"])}
+        if len(known.prior_ns):
+            measured["yaw_rate_radps"] = np.interp(at, known.prior_ns, known.prior["yaw_rate_radps"])
         return {
             **measured,
             "wheel_angle_rad": held["front_rad"].astype(np.float64),
             "steering_command_rad": held["command"][:, 0].astype(np.float64),
             "throttle": held["command"][:, 1].astype(np.float64),
             "brake": held["command"][:, 2].astype(np.float64),
-            **(turned if len(known.prior_ns) else {}),
             "mode": held["mode"].astype(np.int8),
         }
 

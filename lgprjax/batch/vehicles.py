@@ -10,7 +10,7 @@ from jaxtyping import Float
 from lgprjax.coverage import CarrotSettings, Outline, PatternSettings, Tool, default_carrot, outline_of
 from lgprjax.coverage.swaths import Order
 from lgprjax.errors import InputError
-from lgprjax.formats import VehicleFile, with_values
+from lgprjax.formats import VehicleFile, flat_keys, with_values
 from lgprjax.navigation import FilterModel, SkidModel, cautious_skid_model, default_model
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.vehicle import (
@@ -150,6 +150,78 @@ def _needed(path: str | Path, place: str, value: float | None) -> float:
     if value is None:
         raise InputError(path, place, "a number (run the study that estimates it first)", "none")
     return value
+
+
+# What a run needs of a counter-steered vehicle, and what of it is still open.
+
+
+class NeededNumber(NamedTuple):
+    """A number of the vehicle file that driving needs.
+
+    Attributes:
+        path: in the file; alternatives are separated by a bar.
+        why: what needs it.
+        step: of ``lgprjax calibrate`` that finds it; "tape" or "data sheet" for what the crew states.
+    """
+
+    path: str
+    why: str
+    step: str
+
+
+_PEDAL_KEYS = ("pre_tension", "dead_zone", "gain_mps2", "lag_s")
+NEEDED_TO_DRIVE = (
+    NeededNumber("chassis.wheelbase_m", "curvature of every command", "tape"),
+    NeededNumber("array.x_m", "place of the antennas", "tape"),
+    NeededNumber("array.height_m", "place of the antennas", "tape"),
+    NeededNumber("pursuit.anchor_m", "the point that follows the path", "tape"),
+    NeededNumber("steering.rear_ratio|rear_map.rear_rad", "curvature of every command", "palm_tree"),
+    NeededNumber("steering.largest_wheel_angle_rad", "limit of every command", "palm_tree"),
+    NeededNumber("wheel_map.front_rad|steering.straight_potentiometer_v", "measured wheel angle", "palm_tree"),
+    NeededNumber("wheel_map.front_rad|steering.potentiometer_v_per_rad", "measured wheel angle", "palm_tree"),
+    NeededNumber("steering.encoder_counts_per_rad", "comparison of the wheel sensors", "half_turns"),
+    NeededNumber("steering.lag_s", "monitor of the servo", "steering"),
+    NeededNumber("steering.largest_wheel_rate_radps", "limit of every command", "steering"),
+    NeededNumber("steering.nominal_v", "torque of the servo", "steering"),
+    NeededNumber("steering.stall_v", "torque of the servo", "steering"),
+    *(
+        NeededNumber(f"{pedal}.{key}", "control of the speed", "pedals")
+        for pedal in ("throttle", "brake")
+        for key in _PEDAL_KEYS
+    ),
+    NeededNumber("resistance.rolling_mps2", "control of the speed", "pedals"),
+    NeededNumber("resistance.drag_per_s", "control of the speed", "pedals"),
+    *(
+        NeededNumber(f"pursuit.{key}", "look-ahead over the speed", "look_ahead")
+        for key in ("short_m", "long_m", "slow_mps", "fast_mps")
+    ),
+)
+"""In the order in which a new vehicle gets them."""
+
+
+def open_numbers(vehicle: VehicleFile, *, radar: bool = True) -> list[NeededNumber]:
+    """Numbers that driving needs and the file does not have: neither known nor assumed. ``radar``: with its array."""
+    held = flat_keys(vehicle.model_dump(exclude_none=True, exclude={"found"}))
+    absent = () if vehicle.speed_control else ("throttle.", "brake.", "resistance.")
+    absent += () if radar else ("array.",)
+    return [
+        each
+        for each in NEEDED_TO_DRIVE
+        if not each.path.startswith(absent) and not any(path in held for path in each.path.split("|"))
+    ]
+
+
+def require_drivable(vehicle: VehicleFile, path: str | Path, *, radar: bool) -> None:
+    """Refuse a vehicle file of which a number that driving needs is open. ``radar``: with its array.
+
+    Raises:
+        InputError: the first of them; it names the others.
+    """
+    missing = open_numbers(vehicle, radar=radar)
+    if missing:
+        first, others = missing[0], ", ".join(each.path for each in missing[1:])
+        expected = f"a number for the {first.why} (lgprjax calibrate {Path(path).name}, step {first.step})"
+        raise InputError(path, first.path, expected, "open" + (f", as {others}" if others else ""))
 
 
 # Where the channels of the radar array are.

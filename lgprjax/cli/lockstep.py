@@ -14,7 +14,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, read_vehicle
@@ -44,6 +44,8 @@ from lgprjax.wire import Frame, FrameParser, FrameVerdict, Receiver, RefusedByte
 _TICK_NS, _STEP_NS, _LATENCY_NS = int(TICK_S * 1e9), 2_000_000, 1_000_000
 _FRAMES = {"drive_by_wire": Source.DRIVE_BY_WIRE, "controller": Source.CONTROLLER, "radar": Source.RADAR}
 _AFTER_ARRIVAL_S = 2.0
+_SECOND_TICKS = 50
+_STANDS_MPS = 0.1
 _LATEST_DESCRIPTION_S = 30.0
 """Limit in simulated seconds for the radar to describe its scans, calibration and look-up included."""
 
@@ -161,15 +163,32 @@ class LockStep:
         self._said = RadarSelf()
         self._stamps, self._queue = StampClock(), cast("ScanQueue | None", None)
 
-    def run(self, for_s: float | None, report: Callable[[Progress], None]) -> Timeline:
-        """Run until the route or plan is done, or for so many simulated seconds after everything is ready."""
+    def run(
+        self,
+        for_s: float | None,
+        report: Callable[[Progress], None],
+        over: "Callable[[LockStep], bool] | None" = None,
+    ) -> Timeline:
+        """Run until the route or plan is done, or for so many simulated seconds after everything is ready.
+
+        Args:
+            for_s: simulated seconds.
+            report: told how far it is.
+            over: asked every simulated second whether to end.
+        """
         with ExitStack() as held:
             try:
                 self._start(held)
                 end_ns = None if for_s is None else self._now_ns + round(1e9 * for_s)
                 reported_s = 0.0
+                asked = self._tick
                 while (end_ns is None or self._now_ns < end_ns) and not self._finished:
                     self._advance()
+                    if over is not None and self._tick >= asked + _SECOND_TICKS:
+                        asked = self._tick
+                        self._writer.write()
+                        if over(self):
+                            break
                     if time.monotonic() - reported_s > 0.5:
                         reported_s = time.monotonic()
                         report(self._progress)
@@ -180,13 +199,27 @@ class LockStep:
                 self._writer.close("ended")
         return timeline_of(self._told)
 
+    @property
+    def stands(self) -> bool:
+        """Whether the vehicle stands, by what the control loop shows."""
+        return not abs(self._progress.speed_mps) > _STANDS_MPS
+
+    def tell(self, note: dict[str, Any]) -> None:
+        """A note to the control loop, as of the command that leads a calibration."""
+        self._came.append(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, self._now_ns, json.dumps(note).encode()))
+
     def write_truth(self, path: Path) -> None:
         """Write the true poses to a file in the folder of the run."""
         self.stage.truth.write(path, {"simulated_s": (self._now_ns - self._begin_ns) / 1e9})
 
     @property
+    def now_s(self) -> float:
+        """Simulated seconds."""
+        return (self._now_ns - self._begin_ns) / 1e9
+
+    @property
     def _progress(self) -> Progress:
-        core, passed_s = self.core, (self._now_ns - self._begin_ns) / 1e9
+        core, passed_s = self.core, self.now_s
         if isinstance(core, RecordCore):
             state = core.state(1, self._now_ns)
             return Progress(passed_s, str(state["mode"]), float(state["speed_mps"]), math.nan)

@@ -5,7 +5,7 @@ import math
 import os
 import signal
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -21,6 +21,7 @@ from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, counted, progre
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
+    from lgprjax.cli.lockstep import LockStep
     from lgprjax.runtime.config import RuntimeConfig
 
 _RECEIVERS, _PAGE = ("pynmeagps", "pyubx2"), ("starlette", "uvicorn", "websockets")
@@ -224,17 +225,19 @@ class Run:
         assert table is not None
         with working("preparing simulated devices"):
             spec = field_spec(config, table) if field else course_spec(config, table)
-        lockstep = self.lockstep or not (self.realtime or _keeps_real_time())
+        lockstep = self.lockstep or not (self.realtime or keeps_real_time())
         folder.mkdir(parents=True, exist_ok=self._takes_up)
         if lockstep:
-            driven = self._in_lock_step(config, spec, folder)
+            driven = in_lock_step(config, spec, folder, self.for_s)
+            if not field:
+                _write_drive(driven, folder)
         else:
             with devices(spec, folder) as addresses:
-                driven = _written(folder, config, addresses)
+                driven = with_addresses(folder, config, addresses)
                 leaves_error = any(line.get("button") == "override" for line in table.script)
                 ends = nullcontext() if records else ended_when_over(folder, leaves_error=leaves_error)
                 with ends as all_ready:
-                    status = _supervised(driven, folder, self.for_s, all_ready)
+                    status = supervised(driven, folder, self.for_s, all_ready)
             if status:
                 return status
             if not field:
@@ -253,37 +256,51 @@ class Run:
             write_figures(self.json, figures, force=self.force)
         return _conclude(folder)
 
-    def _in_lock_step(self, config: "RuntimeConfig", spec: "dict[str, Any]", folder: Path) -> "RuntimeConfig":
-        """Run in simulated time. Returns the configuration of the run."""
-        import shutil
-        from contextlib import ExitStack
 
-        from lgprjax.cli.lockstep import LockStep, page_beside
-        from lgprjax.runtime.supervisor import make_rings_folder
+def in_lock_step(
+    config: "RuntimeConfig",
+    spec: "dict[str, Any]",
+    folder: Path,
+    for_s: float | None,
+    over: "Callable[[LockStep], bool] | None" = None,
+) -> "RuntimeConfig":
+    """Run in simulated time. Returns the configuration of the run.
 
-        written = folder / "devices.json"
-        written.write_text(_json.dumps(spec | {"ports": "", "truth": ""}, indent=1), encoding="utf-8")
-        driven = _written(folder, config, dict.fromkeys(("drive_by_wire", "controller", "gnss", "radar"), "/dev/null"))
-        rings = make_rings_folder()
-        say(f"run: {folder}, in simulated time (lock step)")
-        say(f"display: http://{config.display.host}:{config.display.port}")
-        with ExitStack() as held:
-            held.callback(shutil.rmtree, rings, ignore_errors=True)
-            page = held.enter_context(page_beside(driven, rings, folder))
-            status = held.enter_context(working("starting"))
-            run = LockStep(driven, written, folder, page)
-            try:
-                run.run(self.for_s, lambda at: status.update(at.line))
-            except KeyboardInterrupt:
-                say("interrupted")
-            finally:
-                run.write_truth(folder / "truth.npz")
-        if config.coverage is None:
-            _write_drive(driven, folder)
-        return driven
+    Args:
+        config: of the run.
+        spec: of the simulated devices.
+        folder: of the run.
+        for_s: simulated seconds after everything is ready.
+        over: asked every second of simulated time whether to end the run.
+    """
+    import shutil
+    from contextlib import ExitStack
+
+    from lgprjax.cli.lockstep import LockStep, page_beside
+    from lgprjax.runtime.supervisor import make_rings_folder
+
+    written = folder / "devices.json"
+    written.write_text(_json.dumps(spec | {"ports": "", "truth": ""}, indent=1), encoding="utf-8")
+    lines = dict.fromkeys(("drive_by_wire", "controller", "gnss", "radar"), "/dev/null")
+    driven = with_addresses(folder, config, lines)
+    rings = make_rings_folder()
+    say(f"run: {folder}, in simulated time (lock step)")
+    say(f"display: http://{config.display.host}:{config.display.port}")
+    with ExitStack() as held:
+        held.callback(shutil.rmtree, rings, ignore_errors=True)
+        page = held.enter_context(page_beside(driven, rings, folder))
+        status = held.enter_context(working("starting"))
+        run = LockStep(driven, written, folder, page)
+        try:
+            run.run(for_s, lambda at: status.update(at.line), over)
+        except KeyboardInterrupt:
+            say("interrupted")
+        finally:
+            run.write_truth(folder / "truth.npz")
+    return driven
 
 
-def _written(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":
+def with_addresses(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":
     """The configuration with the addresses of the devices, in the folder of the run."""
     from lgprjax.runtime.config import PortsTable, PortTable, read_config, write_config
 
@@ -294,7 +311,7 @@ def _written(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -
     return read_config(file)
 
 
-def _keeps_real_time() -> bool:
+def keeps_real_time() -> bool:
     """Whether this machine keeps real time now, measured for a second; prints a line if it does not."""
     from lgprjax.cli.real_time import measure_real_time
 
@@ -351,7 +368,7 @@ def run_folder(config: "RuntimeConfig") -> Path:
 
 
 def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
-    status = _supervised(config, folder, for_s)
+    status = supervised(config, folder, for_s)
     if config.coverage is None and not status:
         written = _write_drive(config, folder)
         # A recording without its drive log is not what was asked for.
@@ -359,8 +376,13 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
     return status
 
 
-def _supervised(
-    config: "RuntimeConfig", folder: Path, for_s: float | None, all_ready: threading.Event | None = None
+def supervised(
+    config: "RuntimeConfig",
+    folder: Path,
+    for_s: float | None,
+    all_ready: threading.Event | None = None,
+    *,
+    rings: Path | None = None,
 ) -> int:
     """Run the processes of a vehicle, for ``for_s`` seconds after they are ready. Returns the exit status."""
     from lgprjax.runtime.supervisor import Ready, make_rings_folder, say_ready, supervise
@@ -379,7 +401,7 @@ def _supervised(
     say(f"run: {folder}")
     say(f"display: http://{config.display.host}:{config.display.port}")
     try:
-        return supervise(config, folder, make_rings_folder(), ready=ready)
+        return supervise(config, folder, rings or make_rings_folder(), ready=ready)
     finally:
         # A later signal would end this process while it writes, and leave the simulated devices running.
         ending.cancel()

@@ -111,8 +111,10 @@ def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
     write_route(route, chosen)
 
 
-def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, Any]:
-    """Specification of the simulated devices on a course."""
+def course_spec(
+    config: "RuntimeConfig", table: "SimulationTable", manoeuvre: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Specification of the simulated devices on a course, or of a manoeuvre driven by hand on level ground."""
     host = "drive" if config.commands else "record"
     return {
         "seed": table.seed,
@@ -126,6 +128,7 @@ def course_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, 
         "map": str(config.path(config.map)) if config.map else "",
         "host": host if (config.ports.radar and config.mode == "record") or host == "drive" else "record_without_radar",
         "vehicle": table.vehicle,
+        "manoeuvre": manoeuvre or {},
         "script": table.script,
         "faults": table.faults,
     }

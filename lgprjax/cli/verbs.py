@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import lgprjax
+from lgprjax.cli.calibrate import Calibrate
 from lgprjax.cli.cover import CoverExport, CoverPlanVerb, CoverRecord
 from lgprjax.cli.data import CheckVerb, Compare, Examples, Export, Recover
 from lgprjax.cli.doctor import Doctor
@@ -338,6 +339,14 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
             "generate drive logs of a synthetic site or vehicle",
             ("simulate village -o drives", "simulate SITE.toml -o drives --only live"),
         ),
+        "calibrate": Verb(
+            Calibrate,
+            "the numbers of a new vehicle, step by step with the kit",
+            (
+                "calibrate onboard/record.vehicle.toml --list",
+                "calibrate onboard/record.vehicle.toml --config onboard/calibrate.run.toml --simulate",
+            ),
+        ),
         "tune": Verb(
             Tune,
             "fit a vehicle file to drive logs",
@@ -368,7 +377,7 @@ _MEANT = {
     **dict.fromkeys(("plot", "show", "draw"), "view"),
     **dict.fromkeys(("validate", "health"), "check"),
     **{words.split()[1]: words for words, _ in every_verb() if " " in words and words.split()[1] not in all_verbs()},
-    **dict.fromkeys(("calibrate", "fit"), "tune"),
+    **dict.fromkeys(("fit",), "tune"),
 }
 """Names that other programs use, and the command for the same task."""
 

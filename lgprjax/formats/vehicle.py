@@ -243,6 +243,7 @@ class VehicleFile(ConfigTable):
     steering_kind: Literal["counter_steer", "skid_steer"]
     serial_number: str | None = None
     speed_control: bool = True
+    assumed: list[str] = Field(default_factory=list)
     chassis: ChassisTable = ChassisTable()
     steering: SteeringTable = SteeringTable()
     skid_steer: SkidSteerTable = SkidSteerTable()
@@ -271,6 +272,16 @@ class VehicleFile(ConfigTable):
         return self
 
     @model_validator(mode="after")
+    def _assumed_is_there(self) -> "VehicleFile":
+        values = flat_keys(self.model_dump(exclude_none=True, exclude={"found", "assumed"}))
+        for number, path in enumerate(self.assumed):
+            if path not in values:
+                raise BrokenRuleError(f"assumed[{number}]", "the path of a number of this file", repr(path))
+            if path in self.found:
+                raise BrokenRuleError(f"assumed[{number}]", f"a number that no study has found, unlike {path}", "found")
+        return self
+
+    @model_validator(mode="after")
     def _found_is_there(self) -> "VehicleFile":
         values = flat_keys(self.model_dump(exclude_none=True, exclude={"found"}))
         for path, found in self.found.items():
@@ -288,7 +299,9 @@ class VehicleFile(ConfigTable):
         return self
 
 
-def with_values(vehicle: VehicleFile, values: dict[str, Any], found: dict[str, Found]) -> VehicleFile:
+def with_values(
+    vehicle: VehicleFile, values: dict[str, Any], found: dict[str, Found], *, assumed: bool = False
+) -> VehicleFile:
     """A vehicle with other numbers.
 
     Args:
@@ -296,6 +309,7 @@ def with_values(vehicle: VehicleFile, values: dict[str, Any], found: dict[str, F
         values: by dotted path, such as ``steering.lag_s``.
         found: how some of them were found. Such records of the other changed numbers are removed, as they no longer
             hold.
+        assumed: nobody has measured these values.
 
     Raises:
         ValidationError: an unknown path, an invalid value, or numbers that contradict each other.
@@ -308,6 +322,8 @@ def with_values(vehicle: VehicleFile, values: dict[str, Any], found: dict[str, F
             table.setdefault(name, {})[key] = value
         else:
             table[name] = value
+    guessed = [path for path in table.pop("assumed", []) if path not in values] + (list(values) if assumed else [])
+    table |= {"assumed": guessed} if guessed else {}
     return VehicleFile.model_validate({**table, "found": {**kept, **{p: f.model_dump() for p, f in found.items()}}})
 
 

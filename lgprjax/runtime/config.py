@@ -232,8 +232,8 @@ class CalibrationTable(ConfigTable):
     prompt: list[str] = Field(default_factory=list)
     commands: Literal["none", "steering", "pedals"] = "none"
     amplitude_rad: float = Field(default=0.2, gt=0.0, le=0.6)
-    fastest_mps: float = Field(default=4.0, ge=2.0, le=8.0)
-    area_m: float = Field(default=150.0, ge=30.0, le=2000.0)
+    fastest_mps: float = Field(default=3.5, ge=2.0, le=8.0)
+    area_m: float = Field(default=200.0, ge=30.0, le=2000.0)
 
 
 class RuntimeConfig(ConfigTable):

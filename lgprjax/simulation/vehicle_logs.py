@@ -133,6 +133,14 @@ MANOEUVRES = {
     ),
 }
 """By the word that a drives file has for them."""
+
+
+def stand_still() -> Manoeuvre:
+    """Nothing, as long as it lasts."""
+    nothing = np.zeros(1)
+    return Manoeuvre(nothing, nothing, nothing, nothing, by_hand=True)
+
+
 LISTS = frozenset(
     {"radii_m", "speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"}
 )

@@ -412,14 +412,18 @@ def study_wheel_angle(task: Task) -> Outcome:
     steering_map = fit.map
     knots = np.linspace(-1.0, 1.0, _KNOTS) * steering_map.half_span + steering_map.middle
     front, (low, high) = front_angle(steering_map, knots), front_band(steering_map, knots)
-    sigma = 0.5 * (high - low) / student_95(steering_map.degrees)
+    # Arcs tell the turn that both axles make: an error of k is one of every angle.
+    shared = _ratio_half(task.vehicle)
+    half = np.hypot(0.5 * (high - low), shared * np.abs(front))
+    low, high = front - half, front + half
+    sigma = half / student_95(steering_map.degrees)
     figures = [Figure("residuals of the fit, rms", rms(np.degrees(fit.residual_rad)), "deg")]
     own_deg = max(figures[0].value, 0.1)
     judged, against = _residuals(task, "wheel_map", own_deg, lambda judge: _judge_wheel_angle(judge, chassis, fit))
     return Outcome(
         found={
             "wheel_map.front_rad": _knots(front, sigma, low, high),
-            "steering.potentiometer_v_per_rad": _slope_at_straight(steering_map),
+            "steering.potentiometer_v_per_rad": _times(_slope_at_straight(steering_map), 1.0, shared),
         },
         fixed={"wheel_map.first_v": float(knots[0]), "wheel_map.step_v": float(knots[1] - knots[0])},
         figures=(*figures, *judged),
@@ -427,6 +431,12 @@ def study_wheel_angle(task: Task) -> Outcome:
         detail=WheelAngleStudy(drive.signals, arcs, fit),
         contradictions=against,
     )
+
+
+def _ratio_half(vehicle: VehicleFile) -> float:
+    """Half of the 95 % interval of all front angles together, as a share of them, that k's own interval makes."""
+    half = _half_width(vehicle.found.get("steering.rear_ratio"))
+    return half / (1.0 + (vehicle.steering.rear_ratio or 0.0))
 
 
 def _slope_at_straight(steering_map: SteeringMap) -> Estimate:

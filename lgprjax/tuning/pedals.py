@@ -32,6 +32,9 @@ RELEASED = 0.005
 LARGEST_GAP_S = 0.5
 LEAST_WAY_M = 0.5
 LEAST_FIXES = 30
+LAGS = np.array([name.endswith("lag_s") for name in PEDAL_NAMES])
+COMMAND_SIGMA_S = 0.01
+"""When within a period of the loop a command begins to act is not known."""
 
 
 class PedalRuns(NamedTuple):
@@ -384,8 +387,9 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
             parameter open: the message names it.
     """
     runs = cut_runs(signals, WHAT)
-    fit = fit_way(runs, signals.travel_m[None, runs.record])
-    value, sigma = fit.value[0], fit.sigma[0]
+    scale = odometer_scale(signals)
+    fit = fit_way(runs, _by_fixes(signals, runs, scale)[None])
+    value, sigma = fit.value[0], np.hypot(fit.sigma[0], np.where(LAGS, COMMAND_SIGMA_S, 0.0))
     way_m = float(np.ptp(signals.travel_m[runs.record]))
     if fit.rms_m[0] > 0.05 * way_m:
         raise NotExcitedError(WHAT, "a distance that the commands explain", f"a difference of {fit.rms_m[0]:.2f} m rms")
@@ -394,7 +398,6 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     if not known.all():
         open_names = ", ".join(name for name, commanded in zip(PEDAL_NAMES, known, strict=True) if not commanded)
         raise NotExcitedError(WHAT, "steps that determine every parameter", f"undetermined: {open_names}")
-    scale = odometer_scale(signals)
     found = [
         _in_metres(name, estimate(float(v), float(s), fit.degrees[0]), scale, fit.degrees[0])
         for name, v, s in zip(PEDAL_NAMES, value, sigma, strict=True)
@@ -440,6 +443,27 @@ def fit_way(runs: PedalRuns, travel_m: Float[np.ndarray, "lane record"]) -> WayF
         damping = np.where(better, 0.1 * damping, 5.0 * damping)
     weight = _huber(residual)
     return _way_fit(runs, value, _levelled(runs, slope, weight[:, None]), _levelled(runs, raw, weight))
+
+
+def _by_fixes(signals: DriveSignals, runs: PedalRuns, scale: Estimate | None) -> Float[np.ndarray, " record"]:
+    """Way at the records of the runs, in metres of the odometer over the whole log: by the fixes its scale differs from
+    run to run.
+    """
+    way_m = signals.travel_m[runs.record].astype(np.float64)
+    parts = [runs.record[runs.run == run] for run in range(runs.runs)]
+    own = [odometer_scale(DriveSignals(*(None if v is None else v[part] for v in signals))) for part in parts]
+    known = [each for each in own if each is not None]
+    if scale is None or len(known) < 3:
+        return way_m
+    noise = np.mean([each.sigma**2 for each in known])
+    # What the scales scatter beyond their own errors; each is trusted as far as that is the larger.
+    wander = max(float(np.var([each.value for each in known], ddof=1) - noise), 0.0)
+    for run, each in enumerate(own):
+        if each is not None and wander > 0.0:
+            inside = runs.run == run
+            worth = 1.0 + wander / (wander + each.sigma**2) * (each.value / scale.value - 1.0)
+            way_m[inside] = way_m[inside][0] + worth * (way_m[inside] - way_m[inside][0])
+    return way_m
 
 
 def _in_metres(name: str, odometer: Estimate, scale: Estimate | None, degrees: float) -> Estimate:

@@ -147,9 +147,9 @@ class Phase(Enum):
 
 
 _PROBE_PER_S, _MOST_PROBE, _MOVES_MPS = 0.03, 0.6, 0.25
-_THROTTLES = (0.12, 0.18, 0.28, 0.15, 0.24, 0.33)
+_THROTTLES = (0.12, 0.18, 0.28, 0.15, 0.24, 0.33, 0.1, 0.21, 0.3, 0.16, 0.26, 0.14)
 """Of each run, beyond the throttle at which the vehicle moved off."""
-_BRAKES = (0.35, 0.5, 0.65, 0.42, 0.3, 0.58)
+_BRAKES = (0.35, 0.5, 0.65, 0.42, 0.3, 0.58, 0.45, 0.33, 0.7, 0.38, 0.55, 0.48)
 _BACK = 0.12
 _HALT_BRAKE, _REST_BRAKE = 0.6, 0.4
 _LASTS_S = {
@@ -161,7 +161,7 @@ _LASTS_S = {
     Phase.REST: 2.0,
 }
 _STANDS_MPS, _SLOW_MPS = 0.05, 0.6
-_LEAST_BRAKING_MPS2 = 0.4
+_PROVEN_FROM_MPS, _LEAST_BRAKING_MPS2 = 1.0, 0.4
 _UNBRAKED_S = 3.0
 
 
@@ -251,7 +251,8 @@ class PedalProgram:
             self._braked_mps = speed_mps
         self._braked_s += step_s
         if speed_mps < _STANDS_MPS:
-            self.proven |= self._braked_mps / self._braked_s > _LEAST_BRAKING_MPS2
+            seen = self._braked_mps > _PROVEN_FROM_MPS
+            self.proven |= seen and self._braked_mps / self._braked_s > _LEAST_BRAKING_MPS2
             self.runs += 1
             self._go(Phase.REST)
         elif self._braked_s > _UNBRAKED_S and speed_mps > 0.5 * self._braked_mps:
@@ -347,7 +348,7 @@ class ManoeuvreKind:
         self.speed_control = self._moves = table.commands == "pedals"
         self._steering, self._pedals = SteeringProgram(self._largest_rad), PedalProgram(table.fastest_mps)
         self._senses = Senses(None, config.sensors)
-        self._shared = SharedWatches(config.control, STEERING | PEDALS)
+        self._shared = SharedWatches(config.control, STEERING | PEDALS, tests_brake=self._moves)
         self._sensors, self._out = init_wheel_sensors(), Dwell()
         self._session = 0
         self._sensed, self._now_ns = _NOTHING, 0

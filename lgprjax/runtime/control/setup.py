@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lgprjax.autopilot import OnboardSetup, onboard_setup
-from lgprjax.batch import chassis_of, filter_model_of, pedals_of, servo_of
+from lgprjax.batch import chassis_of, filter_model_of, pedals_of, require_drivable, servo_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, VehicleFile, read_route, read_vehicle
@@ -83,6 +83,8 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
         InputError: a required number is not in it.
     """
     path = config.path(config.vehicle)
+    if vehicle.steering_kind == "counter_steer":
+        require_drivable(vehicle, path, radar=config.ports.radar is not None)
     chassis, servo = chassis_of(vehicle, path), servo_of(vehicle, path)
     pursuit = vehicle.pursuit
     schedule = (pursuit.short_m, pursuit.long_m, pursuit.slow_mps, pursuit.fast_mps)

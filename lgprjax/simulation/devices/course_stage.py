@@ -37,7 +37,7 @@ from lgprjax.simulation.devices.vehicle import (
     Truth,
 )
 from lgprjax.simulation.devices.world import GAIN_DRIFT, CourseWorld, Sample, Trajectory
-from lgprjax.simulation.vehicle_logs import MANOEUVRES, true_vehicle
+from lgprjax.simulation.vehicle_logs import MANOEUVRES, stand_still, true_vehicle
 from lgprjax.wire import Sender, Value, decode
 
 # What a run of the devices on a course is asked for.
@@ -57,7 +57,7 @@ class CourseSpec(StageSpec):
         start_m: way along the baseline at which the vehicle stands.
         vehicle: numbers of ``TrueVehicle`` that differ from its defaults.
         manoeuvre: of a calibration, that is driven by hand on level ground, see ``MANOEUVRES`` of ``vehicle_logs``: its
-            kind and its numbers; empty: the course is driven.
+            kind, or stand, and its numbers; empty: the course is driven.
     """
 
     seed: int
@@ -121,7 +121,9 @@ class CourseStage(Stage[DriveBox, Tick]):
         self._driver: Driver | HandDriver = Driver(true, world.laid.spec.array_x_m, world.baseline_m)
         if spec.manoeuvre:
             numbers = {name: value for name, value in spec.manoeuvre.items() if name != "kind"}
-            self._driver = HandDriver(true, MANOEUVRES[spec.manoeuvre["kind"]].make(true, numbers), world.tick_s)
+            known = MANOEUVRES.get(spec.manoeuvre["kind"])
+            made = stand_still() if known is None else known.make(true, numbers)
+            self._driver = HandDriver(true, made, world.tick_s)
         self.truth = Truth(true, world.laid.spec.array_x_m, world.baseline_m)
         channels, sweeps, form = len(world.laid.array.x_m), world.laid.spec.sweeps, None
         if sweeps is not None:

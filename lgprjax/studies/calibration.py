@@ -1,0 +1,250 @@
+"""The calibration of a new vehicle, step by step: what is driven, what is fitted to it, what is left to do.
+
+A step is a manoeuvre, driven by hand or commanded, whose drive log studies turn into numbers of the vehicle file. The
+file itself says how far a calibration is: a step is due while a number that it finds is open or assumed.
+"""
+
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from lgprjax.errors import InputError
+from lgprjax.formats import Study, VehicleFile, VehicleLog, flat_keys, with_values, write_vehicle
+from lgprjax.formats.settings_files import Kind
+from lgprjax.studies.steering import FinishedStudy, run_study
+
+
+class StepStudy(NamedTuple):
+    """A study of a step: its kind, and the step whose drive it fits; empty for one without a drive."""
+
+    kind: Kind
+    drive: str
+
+
+class CalibrationStep(NamedTuple):
+    """A step of a calibration.
+
+    Attributes:
+        name: of the step and its drive log.
+        title: for people.
+        prompt: what the crew does, a line each.
+        commands: what the software moves.
+        finds: numbers of the vehicle file, by path.
+        needs: numbers that must be known or assumed before.
+        studies: in their order.
+    """
+
+    name: str
+    title: str
+    prompt: tuple[str, ...]
+    commands: Literal["none", "steering", "pedals"]
+    finds: tuple[str, ...]
+    needs: tuple[str, ...]
+    studies: tuple[StepStudy, ...]
+
+
+_PEDAL_KEYS = ("pre_tension", "dead_zone", "gain_mps2", "lag_s")
+STEPS = (
+    CalibrationStep(
+        "straight",
+        "Straight line",
+        ("Drive straight ahead by hand for 100 m at 2 to 3 m/s, the steering wheel hardly turned.", "Then stop."),
+        "none",
+        ("steering.straight_potentiometer_v",),
+        ("navigation.gnss_x_m",),
+        (StepStudy("straight", "straight"),),
+    ),
+    CalibrationStep(
+        "palm_tree",
+        "Palm tree",
+        (
+            "Turn the steering wheel fully to the left. Wait 2 s.",
+            "Drive a quarter of a circle (at most 25 m) at 1.5 m/s, wait 2 s, drive back to the start, wait 2 s.",
+            "Turn the wheel half a turn to the right and repeat, until it is fully at the right.",
+        ),
+        "none",
+        ("steering.rear_ratio", "steering.potentiometer_v_per_rad", "wheel_map.front_rad"),
+        ("chassis.wheelbase_m", "navigation.gnss_x_m"),
+        (StepStudy("rear_ratio", "palm_tree"), StepStudy("wheel_angle", "palm_tree")),
+    ),
+    CalibrationStep(
+        "turns",
+        "Turning tests",
+        (
+            "Hold the steering wheel a little to the left for 12 s at 1 m/s, then as much to the right for 12 s.",
+            "Repeat at 2, 4, 6 and 8 m/s, or as fast as is safe: the fastest at least twice the slowest. Then stop.",
+        ),
+        "none",
+        ("steering.characteristic_speed_mps",),
+        ("wheel_map.front_rad",),
+        # The palm tree again: how much the vehicle slips is known now.
+        (StepStudy("yaw_gain", "turns"), StepStudy("wheel_angle", "palm_tree")),
+    ),
+    CalibrationStep(
+        "half_turns",
+        "Half turns of the steering wheel",
+        (
+            "Stand still. Turn the steering wheel fully to the right. Wait 3 s.",
+            "Turn it to the left in half turns, each with a pause of 3 s, to the stop.",
+            "Turn it back to the right in the same way.",
+        ),
+        "none",
+        ("steering.encoder_counts_per_v", "steering.encoder_counts_per_rad"),
+        ("steering.potentiometer_v_per_rad",),
+        (StepStudy("encoder", "half_turns"),),
+    ),
+    CalibrationStep(
+        "steering",
+        "Steering steps",
+        (
+            "Stand still on level ground. Keep people away from the wheels.",
+            "Press the steering button: the wheels turn by themselves for 70 s.",
+            "Override, or a hand on the steering wheel, ends it.",
+        ),
+        "steering",
+        ("steering.lag_s", "steering.largest_wheel_rate_radps", "steering.dead_band_rad"),
+        ("steering.encoder_counts_per_rad",),
+        (StepStudy("servo", "steering"),),
+    ),
+    CalibrationStep(
+        "pedals",
+        "Pedal steps",
+        (
+            "Stand at the beginning of a level, straight and empty stretch. Nobody is ahead of the vehicle.",
+            "Press the steering button, then plus: the vehicle drives 13 times from standstill to standstill.",
+            "At the end of the stretch it stops: press override, turn round by hand, and engage again.",
+        ),
+        "pedals",
+        (
+            *(f"{pedal}.{key}" for pedal in ("throttle", "brake") for key in _PEDAL_KEYS),
+            "resistance.rolling_mps2",
+            "resistance.drag_per_s",
+        ),
+        ("steering.lag_s",),
+        (StepStudy("pedals", "pedals"),),
+    ),
+    CalibrationStep(
+        "look_ahead",
+        "Look-ahead",
+        ("Nothing is driven: the look-ahead is fitted to the numbers found.",),
+        "none",
+        tuple(f"pursuit.{key}" for key in ("short_m", "long_m", "slow_mps", "fast_mps")),
+        ("steering.lag_s",),
+        (StepStudy("look_ahead", ""),),
+    ),
+)
+"""In their order."""
+
+State = Literal["known", "assumed", "open"]
+_LARGEST_ASSUMED_RAD, _LARGEST_SHARE = 0.7, 0.98
+_STALL_SHARE = 0.5
+
+
+def state_of(vehicle: VehicleFile, path: str) -> State:
+    """Whether a number of a vehicle file is known, assumed or open."""
+    if path not in flat_keys(vehicle.model_dump(exclude_none=True, exclude={"found"})):
+        return "open"
+    return "assumed" if path in vehicle.assumed else "known"
+
+
+def steps_of(vehicle: VehicleFile) -> list[CalibrationStep]:
+    """The steps of a vehicle: a kit without speed control has no pedals to calibrate."""
+    return [step for step in STEPS if vehicle.speed_control or step.commands != "pedals"]
+
+
+def is_due(vehicle: VehicleFile, step: CalibrationStep) -> bool:
+    """Whether a step has something left to find."""
+    return any(state_of(vehicle, path) != "known" for path in step.finds)
+
+
+def require_measured(vehicle: VehicleFile, path: Path, step: CalibrationStep) -> None:
+    """Refuse a step that needs a number which is still open.
+
+    Raises:
+        InputError: the first of them.
+    """
+    for needed in step.needs:
+        if state_of(vehicle, needed) == "open":
+            finder = next((each.name for each in STEPS if needed in each.finds), None)
+            how = "a number, measured with a tape" if finder is None else f"a number, found by step {finder}"
+            raise InputError(path, needed, f"{how}, before step {step.name}", "open")
+
+
+class FittedStep(NamedTuple):
+    """A fitted step: the vehicle with its numbers, and its studies in their order."""
+
+    vehicle: VehicleFile
+    studies: tuple[FinishedStudy, ...]
+
+
+def fit_step(step: CalibrationStep, vehicle: VehicleFile, logs: dict[str, Path], scratch: Path) -> FittedStep:
+    """Fit a step's studies to drive logs.
+
+    Args:
+        step: of the calibration.
+        vehicle: as known so far.
+        logs: drive logs by the name of their step.
+        scratch: vehicle file that is written between the studies.
+
+    Raises:
+        InputError: a log is missing, or does not hold what a fit needs.
+    """
+    finished = []
+    for kind, drive in step.studies:
+        if kind == "rear_ratio" and _is_stated(vehicle, "steering.rear_ratio"):
+            continue
+        log = None
+        if drive:
+            log = logs.get(drive)
+            if log is None:
+                raise InputError(scratch, drive, f"the drive log of step {drive}", "none: drive that step again")
+        vehicle = _prepared(vehicle, kind, log)
+        write_vehicle(scratch, vehicle, force=True)
+        options: dict[str, Any] = {}
+        study = Study(scratch, kind, kind, scratch, vehicle.serial_number, () if log is None else (log,), (), options)
+        done = run_study(study)
+        vehicle = _completed(done.vehicle, kind)
+        finished.append(done)
+    return FittedStep(vehicle, tuple(finished))
+
+
+def _is_stated(vehicle: VehicleFile, path: str) -> bool:
+    """Whether the crew knows a number without a study, as the ratio 0 of rear wheels that do not steer."""
+    return state_of(vehicle, path) == "known" and path not in vehicle.found
+
+
+def _prepared(vehicle: VehicleFile, kind: str, log: Path | None) -> VehicleFile:
+    """With assumed values for what a study needs and does not depend on."""
+    if state_of(vehicle, "steering.largest_wheel_angle_rad") == "open":
+        vehicle = with_values(vehicle, {"steering.largest_wheel_angle_rad": _LARGEST_ASSUMED_RAD}, {}, assumed=True)
+    if kind == "servo" and log is not None and state_of(vehicle, "steering.nominal_v") == "open":
+        nominal_v = _supply_v(log)
+        vehicle = with_values(vehicle, {"steering.nominal_v": nominal_v}, {})
+        vehicle = with_values(vehicle, {"steering.stall_v": _STALL_SHARE * nominal_v}, {}, assumed=True)
+    if kind == "look_ahead" and state_of(vehicle, "pursuit.anchor_m") == "open":
+        ahead_m = vehicle.array.x_m if vehicle.array.x_m is not None else vehicle.chassis.wheelbase_m
+        vehicle = with_values(vehicle, {"pursuit.anchor_m": ahead_m}, {}, assumed=True)
+    return vehicle
+
+
+def _completed(vehicle: VehicleFile, kind: str) -> VehicleFile:
+    """The palm tree reaches both stops of the steering: their smaller angle limits every command."""
+    if (
+        kind == "wheel_angle"
+        and vehicle.wheel_map is not None
+        and (state_of(vehicle, "steering.largest_wheel_angle_rad") == "assumed")
+    ):
+        ends = vehicle.wheel_map.front_rad[0], vehicle.wheel_map.front_rad[-1]
+        largest = _LARGEST_SHARE * min(abs(end) for end in ends)
+        vehicle = with_values(vehicle, {"steering.largest_wheel_angle_rad": largest}, {})
+    return vehicle
+
+
+def _supply_v(log: Path) -> float:
+    """Median of the supply while the servo was commanded."""
+    signals = VehicleLog.open(log).vehicle or {}
+    volts = np.asarray(signals.get("supply_v", []), np.float64)
+    if not np.isfinite(volts).any():
+        raise InputError(log, "/vehicle/supply_v", "the supply voltage of the servo", "none")
+    return round(float(np.nanmedian(volts)), 2)
