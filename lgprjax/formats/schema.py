@@ -195,7 +195,9 @@ def check_scalar(entry: Entry, value: object) -> str | None:
         tally = Tally(entry)
         tally.add(np.asarray([value], dtype=np.float64))
         return f"{float(value):g}" if tally.bad else None
-    if not isinstance(value, bool if kind == "boolean" else str):
+    if kind == "boolean":
+        return None if isinstance(value, bool) else f"{value!r}"
+    if not isinstance(value, str):
         return f"{value!r}"
     if entry.choices and value not in entry.choices:
         problem = f"{value!r}"

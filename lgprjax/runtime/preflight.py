@@ -46,7 +46,8 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
         held = read_vehicle(config.path(config.vehicle))
         setup_of_vehicle(config, held)
         Watches(config, held)
-        return f"{held.name}, serial number {held.serial_number or 'unknown'}"
+        only = "" if held.speed_control else ", steering only: the operator has throttle and brake"
+        return f"{held.name}, serial number {held.serial_number or 'unknown'}{only}"
 
     def database() -> str:
         with MapFile.open(config.path(config.map)) as source:

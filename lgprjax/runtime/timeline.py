@@ -22,7 +22,7 @@ _SHOWN = {
     Event.DRIVE_BY_WIRE_RELAUNCHED.name,
 }
 """Events that are told though they change no mode."""
-_SLOWLY, _FREE = "driving slowly: ", "no longer slowed"
+_SLOWLY, _FREE = "speed limited: ", "speed no longer limited"
 
 
 class TimelineEntry(NamedTuple):

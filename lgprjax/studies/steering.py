@@ -111,6 +111,8 @@ class PedalsStudy(NamedTuple):
 def study_pedals(task: Task) -> Outcome:
     """Find ``throttle``, ``brake`` and ``resistance``."""
     refuse_options(task)
+    if not task.vehicle.speed_control:
+        raise InputError(task.study.vehicle, "speed_control", "true, for a study of throttle and brake", "false")
     drive = one_drive(task)
     with fitting(drive.path):
         fit = fit_pedals(drive.signals)

@@ -115,6 +115,17 @@ def test_every_step_is_that_of_the_plain_limiter(seed: int) -> None:
     assert seen == Limited(2 ** len(Limited) - 1)
 
 
+def test_without_pedals_none_is_ever_pressed() -> None:
+    """Rules of a kit that only steers, and commands of every kind: neither they nor the default press one."""
+    rules, told = draw(4)
+    rules[[RULES.index(1.0), RULES.index(2.0), RULES.index(0.375)]] = 0.0
+    start = init_limiter(jnp.zeros(LANES, jnp.float32))
+    sent, bits = drive(LimiterRules(*jnp.asarray(rules, jnp.float32)), start, jnp.asarray(told, jnp.float32))
+    assert (np.asarray(sent)[:, 1:3] == 0.0).all()
+    assert (np.asarray(sent)[:, 0] != 0.0).any()
+    assert (np.asarray(bits) & Limited.MANUAL_REQUESTED).any()
+
+
 class Sent(NamedTuple):
     """One lane's course: rows are front, throttle, brake, count."""
 

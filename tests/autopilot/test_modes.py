@@ -329,9 +329,11 @@ def test_time_never_runs_back_nor_away() -> None:
 class AnyDrive(RuleBasedStateMachine):
     """Whatever happens in whatever order; a record of its own says what may be engaged."""
 
+    speed_control = True
+
     @initialize()
     def begin(self) -> None:
-        self.state = ModeState()
+        self.state = ModeState(speed_control=self.speed_control)
         self.time_s = 0.0
         self.near = self.checked = self.booted = self.estop = False
         self.pressed_s: float | None = None
@@ -354,6 +356,8 @@ class AnyDrive(RuleBasedStateMachine):
         self.state, actions = step_modes(before, ModeEvent(event, self.time_s))
         assert self.state.mode in mode_of_diagram(before.mode, event)
         engages = {Action.ENGAGE_STEERING, Action.ENGAGE_SPEED} & set(actions)
+        if not self.speed_control:
+            leaves_the_pedals_alone(before, event, self.state, actions)
         if engages:
             assert self.near
             assert self.checked
@@ -401,6 +405,33 @@ class AnyDrive(RuleBasedStateMachine):
             assert not self.standing_faults
 
 
+class AnySteeringOnlyDrive(AnyDrive):
+    """The same of a kit without throttle and brake."""
+
+    speed_control = False
+
+
+def leaves_the_pedals_alone(before: ModeState, event: Event, state: ModeState, actions: tuple[Action, ...]) -> None:
+    """No action on a pedal; what is lost while it steers is handed over at once, with light and warning."""
+    assert state.mode is not Mode.SPEED
+    assert not state.stopping
+    assert not {
+        Action.ENGAGE_SPEED,
+        Action.LOCK_SPEED,
+        Action.RAISE_SPEED,
+        Action.LOWER_SPEED,
+        Action.RELEASE_PEDALS,
+        Action.STOP_CONTROLLED,
+    } & set(actions)
+    if event in (Event.CRUISE_PLUS, Event.CRUISE_MINUS):
+        assert (state.mode, state.inhibit) == (before.mode, EngagementInhibit.NO_SPEED_CONTROL)
+        assert actions[-1:] == (Action.WARN,)
+    lost = event is Event.HEALTH_STOP or (event.name.startswith("ROUTE_") and event is not Event.ROUTE_NEAR)
+    if lost and not operator_drives(before):
+        assert state.mode is Mode.MANUAL
+        assert {Action.RELEASE_ACTUATORS, Action.WARN, Action.LIGHT_BUTTON} <= set(actions)
+
+
 CHANGES = mode_changes()
 
 
@@ -410,7 +441,21 @@ def mode_of_diagram(mode: Mode, event: Event) -> frozenset[Mode]:
 
 
 TestAnyDrive = AnyDrive.TestCase
-TestAnyDrive.settings = settings(max_examples=30, stateful_step_count=60, deadline=None)
+TestAnySteeringOnlyDrive = AnySteeringOnlyDrive.TestCase
+TestAnyDrive.settings = TestAnySteeringOnlyDrive.settings = settings(
+    max_examples=30, stateful_step_count=60, deadline=None
+)
+
+
+def test_a_kit_without_pedals_hands_over_where_others_stop() -> None:
+    for lost in (Event.HEALTH_STOP, Event.ROUTE_OFF, Event.ROUTE_WRONG_HEADING, Event.ROUTE_GONE):
+        state, actions = after(*TO_STEERING, lost, start=ModeState(speed_control=False))
+        assert (state.mode, actions) == (
+            Mode.MANUAL,
+            (Action.RELEASE_ACTUATORS, Action.WARN, Action.LIGHT_BUTTON),
+        )
+        freed, then = after(*REARM, start=state)
+        assert (freed.mode, Action.DARKEN_BUTTON in then) == (Mode.READY, True)
 
 
 def test_what_a_new_state_knows_engages_nothing() -> None:

@@ -181,6 +181,13 @@ def test_logs_that_do_not_tell_enough_are_refused(folder: Path, tmp_path: Path) 
     assert not (tmp_path / "out").exists()
 
 
+def test_the_pedals_of_a_kit_that_only_steers_are_refused(folder: Path, tmp_path: Path) -> None:
+    text = _VEHICLE.replace("[chassis]", "speed_control = false\n[chassis]")
+    (folder / "only.vehicle.toml").write_text(text)
+    path = study(folder, "only", "pedals", "logs/pedals.drive.h5", vehicle='"only.vehicle.toml"')
+    run("tune", path, "-o", tmp_path / "out").refusal.check("speed_control", file="only.vehicle.toml")
+
+
 def test_another_vehicle_is_refused(folder: Path, tmp_path: Path) -> None:
     path = study(folder, "other", "encoder", "logs/standing.drive.h5", serial_number='"B-1"')
     run("tune", path, "-o", tmp_path / "out").refusal.check("serial_number", file=path)

@@ -87,7 +87,7 @@ def off_m(loop: OnboardLoop, low_m: float, high_m: float) -> np.ndarray:
     """True offsets between two ways, metre by metre: at two speeds a way counts alike."""
     truth = loop.stage.truth.arrays()
     way = np.cumsum(truth["speed_mps"] * np.gradient(truth["mono_ns"] / 1e9))
-    return np.interp(np.arange(low_m, high_m, 0.1), way, truth["cross_m"])
+    return np.asarray(np.interp(np.arange(low_m, high_m, 0.1), way, truth["cross_m"]))
 
 
 def test_it_engages_and_steers_as_closely_as_the_kit_with_pedals(
@@ -169,6 +169,14 @@ def test_above_the_limit_the_operator_is_told_to_slow_down_and_then_has_the_whee
     slow = follow(ways[70.0], ABOVE_S + 4.0, change=lose_fixes, script=[{"do": "drive", "speed_mps": 1.7}])
     assert hand_over_s(slow.loop, slow.first) == math.inf, slow.told
     presses_nothing(slow.loop)
+
+
+def test_its_limiter_lets_no_pedal_be_pressed(kit: Loaded) -> None:
+    rules = kit.setup.autopilot.limiter
+    assert kit.setup.autopilot.pedals is None
+    assert [float(rule) for rule in (rules.throttle_rate_per_s, rules.brake_rate_per_s, rules.default_brake)] == [
+        0.0
+    ] * 3
 
 
 def test_the_end_of_the_route_is_a_hand_over(ways: dict[float, Moment]) -> None:

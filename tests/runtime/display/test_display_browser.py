@@ -58,6 +58,23 @@ def test_an_error_is_told_with_its_cause(served: ServedPage, tab: Tab) -> None:
     everything_is_shown(tab, (390, 844))
 
 
+def test_a_kit_that_only_steers_tells_the_limit_and_the_hand_over(served: ServedPage, tab: Tab) -> None:
+    steering = DRIVING | PLACE | {"mode": "STEERING", "set_speed_mps": None, "lit": False, "limit_mps": 4.47}
+    show(served, tab, steering)
+    assert "4.5" in tab.text("#speed-more")
+    assert "✓" in tab.text("#words")
+    show(served, tab, steering | {"limit_mps": 2.0, "slow": ["GNSS is silent"], "refusal_text": "it only steers"})
+    words = tab.text("#words")
+    assert all(each in words for each in ("2.0", "released", "GNSS is silent", "it only steers"))
+    usual = {"mode": "MANUAL", "cause": "more than 3 ft off the path"}
+    show(served, tab, steering | usual)
+    by_hand = tab.text("#mode")
+    show(served, tab, steering | usual | {"lit": True})
+    assert tab.text("#mode") not in (by_hand, "")
+    assert usual["cause"] in tab.text("#words")
+    everything_is_shown(tab, SIZES[0])
+
+
 def test_a_route_is_chosen_and_nothing_else(served: ServedPage, tab: Tab) -> None:
     show(served, tab, READY | PLACE)
     buttons = tab.evaluate("[...document.querySelectorAll('button, input, a, form')].map((e) => e.id || e.textContent)")

@@ -15,6 +15,7 @@ const MODES = {
   STEERING: ["STEERING", "The vehicle steers. You control throttle and brake.", "M50 6a44 44 0 1 0 .1 0M8 46h84M50 46v46"],
   SPEED: ["STEERING + SPEED", "The vehicle steers and holds the speed.", "M12 14l32 36-32 36M50 14l32 36-32 36"],
   MANUAL: ["MANUAL", "You drive.", "M10 10h80v80h-80z"],
+  HANDED_OVER: ["TAKE OVER", "You drive: steering is released.", "M50 8 95 90H5zM50 38v24M50 76v1"],
   ERROR: ["ERROR", "You drive. Press override once the error is cleared.", "M50 8 95 90H5zM50 38v24M50 76v1"],
   EMERGENCY_STOP: ["EMERGENCY STOP", "Power is cut. Release the stop, then press override.",
     "M30 5h40l25 25v40l-25 25h-40l-25-25v-40zM28 50h44"],
@@ -60,11 +61,24 @@ function refusal() {
   return state.refusal_text || plain(state.refusal);
 }
 
+// The operator has the pedals for good: the limit is told, and the button that would hold a speed is explained.
+function limitWords(slow) {
+  const told = `Drive slower than ${fixed(state.limit_mps, 1)} m/s`;
+  const why = slow.length ? `: ${slow.join(", ")}` : "";
+  const said = [];
+  if (Math.abs(state.speed_mps) > state.limit_mps) said.push(["bad", `■ ${told}, or steering is released${why}`]);
+  else if (slow.length) said.push(["warn", `▲ ${told}${why}`]);
+  if (typeof state.refusal_text === "string" && state.refusal_text) said.push(["warn", `▲ Refused: ${state.refusal_text}`]);
+  return said;
+}
+
 function sayings(mode, engaged) {
   const said = [];
   if (state.estop === true) said.push(["bad", "■ Emergency stop is pressed."]);
   if (state.override === true) said.push(["warn", "▲ Override is pressed."]);
-  if (typeof state.cause === "string" && state.cause) said.push([mode === "ERROR" ? "bad" : "", `Because: ${state.cause}`]);
+  if (typeof state.cause === "string" && state.cause) {
+    said.push([["ERROR", "HANDED_OVER"].includes(mode) ? "bad" : "", `Because: ${state.cause}`]);
+  }
   for (const fault of texts(state.faults)) {
     if (!state.cause) said.push(["bad", `■ Fault: ${plain(fault)}`]);
   }
@@ -73,7 +87,8 @@ function sayings(mode, engaged) {
   // Who drives himself is not stopped or slowed: then a reason is a warning, once.
   if (engaged && state.reaction === "STOP") said.push(["bad", `■ Stopping: ${reasons.join(", ")}`]);
   else {
-    if (engaged && slow.length) said.push(["warn", `▲ Slowed: ${slow.join(", ")}`]);
+    if (engaged && isNumber(state.limit_mps)) said.push(...limitWords(slow));
+    else if (engaged && slow.length) said.push(["warn", `▲ Slowed: ${slow.join(", ")}`]);
     const told = engaged ? slow.join() : refusal() || "";
     for (const reason of reasons) if (!told.includes(reason)) said.push(["warn", `▲ ${reason}`]);
   }
@@ -155,9 +170,10 @@ function torqueWords() {
 
 function showFigures() {
   tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
-  const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
+  const own = ENGAGED.includes(state.mode) && isNumber(state.limit_mps);
+  const set = own ? `limit ${fixed(state.limit_mps, 1)}` : isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
   // A limit above the set speed limits nothing.
-  const limits = isNumber(state.cap_mps) && !(isNumber(state.set_speed_mps) && state.cap_mps >= state.set_speed_mps);
+  const limits = !own && isNumber(state.cap_mps) && !(isNumber(state.set_speed_mps) && state.cap_mps >= state.set_speed_mps);
   tell("speed-more", limits && ENGAGED.includes(state.mode) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
   if (state.field) showTool();
   else showCorrelation();
@@ -207,7 +223,9 @@ function showFoot() {
 }
 
 function render() {
-  const mode = Object.hasOwn(MODES, state.mode) ? state.mode : "UNKNOWN";
+  const known = Object.hasOwn(MODES, state.mode) ? state.mode : "UNKNOWN";
+  // Handed over by the computer, with the light of the button on until override is pressed.
+  const mode = known === "MANUAL" && state.lit === true && state.override !== true ? "HANDED_OVER" : known;
   const engaged = ENGAGED.includes(mode);
   showMode(mode, mode === "READY" && refusal() !== null);
   document.body.classList.toggle("record", Boolean(state.lines));
