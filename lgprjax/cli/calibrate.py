@@ -261,7 +261,6 @@ class _Judge:
         self, step: "CalibrationStep", config: "RuntimeConfig", vehicle: Path, run: Path, logs: dict[str, Path]
     ) -> None:
         self._step, self._config, self._vehicle, self._run, self._logs = step, config, vehicle, run, logs
-        self._looked_s = 0.0
 
     def fit(self, log: Path) -> Judged:
         """The verdict on a drive log."""
@@ -293,13 +292,8 @@ class _Judge:
             log.unlink(missing_ok=True)
 
     def over(self, run: "LockStep") -> bool:
-        """Whether a run in simulated time may end; told to the page."""
-        if self._step.commands != "none" or run.now_s - self._looked_s < _JUDGE_S or not run.stands:
-            return False
-        self._looked_s = run.now_s
-        found = self.look()
-        run.tell({"progress": found.words})
-        return found.enough
+        """Whether a run in simulated time may end: its driver has finished; a commanded manoeuvre ends by itself."""
+        return self._step.commands == "none" and run.driven
 
     @contextmanager
     def beside(self, rings: Path) -> Iterator[None]:

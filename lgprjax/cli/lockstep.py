@@ -14,7 +14,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, read_vehicle
@@ -200,26 +200,17 @@ class LockStep:
         return timeline_of(self._told)
 
     @property
-    def stands(self) -> bool:
-        """Whether the vehicle stands, by what the control loop shows."""
-        return not abs(self._progress.speed_mps) > _STANDS_MPS
-
-    def tell(self, note: dict[str, Any]) -> None:
-        """A note to the control loop, as of the command that leads a calibration."""
-        self._came.append(Record(RecordKind.EVENT, Source.SUPERVISOR, 0, self._now_ns, json.dumps(note).encode()))
+    def driven(self) -> bool:
+        """Whether the simulated driver has ended the manoeuvre, and the vehicle stands."""
+        return bool(getattr(self.stage, "finished", False)) and not abs(self._progress.speed_mps) > _STANDS_MPS
 
     def write_truth(self, path: Path) -> None:
         """Write the true poses to a file in the folder of the run."""
         self.stage.truth.write(path, {"simulated_s": (self._now_ns - self._begin_ns) / 1e9})
 
     @property
-    def now_s(self) -> float:
-        """Simulated seconds."""
-        return (self._now_ns - self._begin_ns) / 1e9
-
-    @property
     def _progress(self) -> Progress:
-        core, passed_s = self.core, self.now_s
+        core, passed_s = self.core, (self._now_ns - self._begin_ns) / 1e9
         if isinstance(core, RecordCore):
             state = core.state(1, self._now_ns)
             return Progress(passed_s, str(state["mode"]), float(state["speed_mps"]), math.nan)

@@ -140,6 +140,11 @@ class CourseStage(Stage[DriveBox, Tick]):
             Ticker(begin_ns, period_ns) for period_ns in (10_000_000, _INS_NS, 100_000_000, 1_000_000_000, 20_000_000)
         )
 
+    @property
+    def finished(self) -> bool:
+        """Whether the driver has driven a manoeuvre to its end."""
+        return isinstance(self._driver, HandDriver) and self._driver.finished
+
     def tick(self) -> Tick:
         """Move the vehicle by a tick, with the host's messages up to its start."""
         number, begin_ns = self._ticks, self.next_ns

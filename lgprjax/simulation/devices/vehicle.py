@@ -397,6 +397,11 @@ class HandDriver:
         self._vehicle, self._manoeuvre, self._tick_s = vehicle, manoeuvre, tick_s
         self._time_s, self._gear = 0.0, 1.0
 
+    @property
+    def finished(self) -> bool:
+        """Whether the manoeuvre has been driven to its end."""
+        return self._time_s >= float(self._manoeuvre.time_s[-1])
+
     def step(
         self,
         running: Iterable[ScriptItem],
