@@ -1,7 +1,7 @@
 // The operator's page: shows what the control process says, and says loudly when it says nothing.
 
 import { drawPlan, points } from "./plan.js";
-import { drawColumn, lineWords, radarWords } from "./record.js";
+import { MANOEUVRE_MODES, commandWords, drawColumn, lineWords, promptWords, radarWords } from "./record.js";
 import { FIELD_MODES, computedCorner, fieldWords, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
@@ -50,8 +50,10 @@ function showMode(mode, refusedNow) {
   const [word, sentence, shape] = refusedNow ? MODES.READY_REFUSED : MODES[mode];
   at("top").dataset.mode = mode;
   at("top").dataset.refused = refusedNow ? "yes" : "no";
-  tell("mode", word);
-  const own = state && state.field && FIELD_MODES[refusedNow ? "READY_REFUSED" : mode];
+  const calibrates = Boolean(state && state.manoeuvre) && ENGAGED.includes(mode);
+  tell("mode", calibrates ? "CALIBRATING" : word);
+  const sentences = state && (state.field ? FIELD_MODES : state.manoeuvre ? MANOEUVRE_MODES : null);
+  const own = sentences && sentences[refusedNow ? "READY_REFUSED" : mode];
   tell("mode-text", own || sentence);
   at("shape-path").setAttribute("d", shape);
 }
@@ -102,6 +104,7 @@ function sayings(mode, engaged) {
     if (stage !== "ready") said.push(["warn", `▲ ${name}: ${stage}`]);
   }
   if (state.recording && state.recording.lost > 0) said.push(["warn", `▲ Recording lost ${state.recording.lost} records`]);
+  if (state.manoeuvre) said.push(...promptWords(state).map((text) => ["", text]));
   return said.length ? said : [["", "✓ No warnings"]];
 }
 
@@ -150,6 +153,21 @@ function showRecord() {
   tell("route-title", "Connections");
   at("route-list").replaceChildren(
     ...lineWords(state).map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+}
+
+function showManoeuvre() {
+  const told = commandWords(state);
+  tell("speed", fixed(state.speed_mps, 1));
+  tell("speed-more", "");
+  tell("correlation-title", told.title);
+  tell("share", "");
+  tell("correlation", told.figure);
+  tell("correlation-more", told.more);
+  at("correlation").className = "figure";
+  tell("cross-title", state.lines ? "Recorded" : "Done");
+  tell("cross", state.lines ? `${fixed(state.travel_m, 0)} m` : `${Math.round(100 * (state.share || 0))} %`);
+  tell("route-title", `Calibration: ${state.manoeuvre}`);
+  at("route-list").replaceChildren();
 }
 
 function showField(engaged) {
@@ -228,11 +246,13 @@ function render() {
   const mode = known === "MANUAL" && state.lit === true && state.override !== true ? "HANDED_OVER" : known;
   const engaged = ENGAGED.includes(mode);
   showMode(mode, mode === "READY" && refusal() !== null);
-  document.body.classList.toggle("record", Boolean(state.lines));
-  if (state.lines) showRecord();
+  document.body.classList.toggle("record", Boolean(state.lines || state.manoeuvre));
+  document.body.classList.toggle("manoeuvre", Boolean(state.manoeuvre));
+  if (state.manoeuvre) showManoeuvre();
+  else if (state.lines) showRecord();
   else showFigures();
   showWords(mode, engaged);
-  if (state.lines) tell("answer", "");
+  if (state.lines || state.manoeuvre) tell("answer", "");
   else if (state.field) showField(engaged);
   else showRoutes(engaged);
   showFoot();

@@ -25,6 +25,33 @@ export function lineWords(state) {
   return words;
 }
 
+// Sentences of the modes while a calibration commands the vehicle.
+export const MANOEUVRE_MODES = {
+  READY: "You drive. The steering button begins the manoeuvre.",
+  STEERING: "The wheels turn by themselves. Override ends it.",
+  SPEED: "The vehicle drives by itself. Override or the brake ends it.",
+};
+
+// A calibration: the tile of what is commanded, or of the position where the crew drives.
+export function commandWords(state) {
+  if (state.lines) {
+    const sigma = isNumber(state.sigma_m) ? `± ${(100 * state.sigma_m).toFixed(state.sigma_m < 0.1 ? 1 : 0)} cm` : "";
+    return { title: "Position", figure: state.quality ? state.quality.toLowerCase() : "none", more: sigma };
+  }
+  const degrees = (rad) => (isNumber(rad) ? `${((180 / Math.PI) * rad).toFixed(1)}°` : "–");
+  if (!(state.cap_mps > 0)) {
+    return { title: "Wheels", figure: degrees(state.measured_rad), more: `command ${degrees(state.front_rad)}` };
+  }
+  const [title, share] = state.brake > 0 ? ["Brake", state.brake] : ["Throttle", state.throttle];
+  return { title, figure: `${Math.round(100 * (share || 0))} %`, more: `at most ${state.cap_mps.toFixed(1)} m/s` };
+}
+
+// What the crew is to do, and how far the step is.
+export function promptWords(state) {
+  const lines = Array.isArray(state.prompt) ? state.prompt.filter((text) => typeof text === "string") : [];
+  return state.progress ? [...lines, state.progress] : lines;
+}
+
 // The radargram moves left by a column for each new scan.
 export function drawColumn(canvas, column) {
   if (!Array.isArray(column) || !column.length) return;
