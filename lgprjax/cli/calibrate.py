@@ -33,7 +33,7 @@ _ENGAGE_MPS = 0.3
 _DRIVEN: dict[str, dict[str, Any]] = {
     "straight": {"kind": "straight", "length_m": 120.0, "speed_mps": 3.0, "weave_rad": 0.008},
     "palm_tree": {"kind": "palm_tree", "speed_mps": 1.5},
-    "turns": {"kind": "turns", "speeds_mps": [1.0, 2.0, 4.0, 6.0, 8.0], "angles_rad": [0.07, -0.07]},
+    "turns": {"kind": "turns", "speeds_mps": [1.0, 2.0, 3.5, 5.0, 6.5], "angles_rad": [0.1, -0.1]},
     "half_turns": {"kind": "standing"},
 }
 """What the simulated driver does in a step; in the others the vehicle stands until it is commanded."""

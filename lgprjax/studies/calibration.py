@@ -72,8 +72,9 @@ STEPS = (
         "turns",
         "Turning tests",
         (
-            "Hold the steering wheel a little to the left for 12 s at 1 m/s, then as much to the right for 12 s.",
-            "Repeat at 2, 4, 6 and 8 m/s, or as fast as is safe: the fastest at least twice the slowest. Then stop.",
+            "Hold the wheels some 6 degrees to the left for 12 s at 1 m/s, then as much to the right for 12 s.",
+            "Repeat at 2, 3.5, 5 and 6.5 m/s, or as fast as is safe: the fastest at least twice the slowest.",
+            "Then stop.",
         ),
         "none",
         ("steering.characteristic_speed_mps",),
