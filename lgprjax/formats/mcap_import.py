@@ -265,12 +265,13 @@ def import_mcap(
     texts = recording.metadata.get(DRIVE_METADATA, {})
     t0_ns = _t0_ns(recording.path, texts, int(scan_ns[0]))
     odometry = None if odometer is None else odometry_track(recording.path, odometer, t0_ns)
-    navigation = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
+    navigation, judged = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
     odometry = odometry or travel_along(navigation)
     scan_time_s = (scan_ns - t0_ns) / 1e9
     kept = _spanned(recording.path, radar, scan_time_s, navigation, odometry)
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))
-    notes = _notes(recording, used, attitude, odometer, outside=len(kept) - int(np.count_nonzero(kept)))
+    outside = len(kept) - int(np.count_nonzero(kept))
+    notes = (*_notes(recording, used, attitude, odometer, outside=outside), *judged)
     # An exported drive's messages include what was assumed when it was imported.
     exported = _exported_provenance(texts)
     made_up = assumed_of(exported)
@@ -347,6 +348,7 @@ def _notes(
             "unreadable": recording.unreadable[rows.topic],
             "without usable values": rows.left_out,
             "without a stamp": rows.unstamped,
+            "of another day than the rest": rows.undated,
             "with a duplicate stamp": rows.repeated,
         }
         texts = [f"{count} messages {words}" for words, count in counts.items() if count]

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 # Positions.
 
@@ -18,12 +18,14 @@ FASTEST_MPS = 70.0
 _STEP_M = 30.0
 """Step that a receiver makes by itself, from a poor fix to a good one; larger ones must be travel."""
 _STEP_SIGMAS = 6.0
+_STEPS_A_TRACE = 20
 _EARTH_M = 6_371_000.0
 _MOST_LINKS = 200
 """Earlier runs of positions from which a run may continue: bounds the time of a search among noise."""
 NO_PLACE = "out of range or not a number"
 ZEROS = "at latitude 0, longitude 0"
 ASTRAY = "farther from the others than the vehicle can have travelled"
+IMPLAUSIBLE = (NO_PLACE, ZEROS, ASTRAY)
 
 
 class PlausiblePositions(NamedTuple):
@@ -31,7 +33,7 @@ class PlausiblePositions(NamedTuple):
 
     Attributes:
         kept: positions to use.
-        longitude_deg: of all, from -180 to 180.
+        longitude_deg: of all, from -180 to 180; NaN where there is no place.
         left_out: number of other positions, by reason.
     """
 
@@ -39,11 +41,15 @@ class PlausiblePositions(NamedTuple):
     longitude_deg: Float[np.ndarray, " position"]
     left_out: dict[str, int]
 
+    def in_words(self) -> str:
+        """What was left out, as text; empty where nothing was."""
+        return left_out_in_words(self.left_out, len(self.kept))
+
 
 def plausible_positions(
     latitude_deg: Float[np.ndarray, " position"],
     longitude_deg: Float[np.ndarray, " position"],
-    reach_m: Float[np.ndarray, " position"],
+    reach_m: Float[np.ndarray, " position"] | None,
     sigma_m: Float[np.ndarray, " position"] | None = None,
 ) -> PlausiblePositions:
     """Judge positions by themselves and by each other.
@@ -55,33 +61,52 @@ def plausible_positions(
 
     Args:
         latitude_deg, longitude_deg: WGS-84, in order of time; longitudes from -360 to 360.
-        reach_m: upper bound of the travel since the first position, never falling.
+        reach_m: upper bound of the travel since the first position, never falling; ``None`` without a clock, for
+            positions of traces: 20 usual steps from each to the next.
         sigma_m: horizontal, of an axis; NaN where unknown.
     """
-    finite = np.isfinite(latitude_deg) & np.isfinite(longitude_deg)
-    on_earth = finite & (np.abs(latitude_deg) <= 90.0) & (np.abs(longitude_deg) <= 360.0)
+    there = on_earth(latitude_deg, longitude_deg)
+    latitude_deg, longitude_deg = (np.where(there, each, np.nan) for each in (latitude_deg, longitude_deg))
     turned = np.where(np.abs(longitude_deg) > 180.0, (longitude_deg + 180.0) % 360.0 - 180.0, longitude_deg)
-    zeros = on_earth & (latitude_deg == 0.0) & (longitude_deg == 0.0)
+    zeros = there & (latitude_deg == 0.0) & (longitude_deg == 0.0)
     places = _on_sphere_m(latitude_deg, turned)
-    others = np.flatnonzero(on_earth & ~zeros)
+    others = np.flatnonzero(there & ~zeros)
     # A site without a place on the earth has its origin there, and its other positions near it.
     if zeros.any() and (not len(others) or _far_from_zero(places[others])):
-        kept = on_earth & ~zeros
+        kept = there & ~zeros
     else:
-        kept, zeros = on_earth.copy(), np.zeros(len(zeros), bool)
+        kept, zeros = there.copy(), np.zeros(len(zeros), bool)
     at = np.flatnonzero(kept)
     allowed_m = np.full(len(at), _STEP_M / 2.0)
     if sigma_m is not None:
         allowed_m += _STEP_SIGMAS * np.nan_to_num(sigma_m[at], nan=0.0, posinf=0.0, neginf=0.0)
-    kept[at] = _longest_sequence(places[at], reach_m[at], allowed_m)
-    counts = {NO_PLACE: ~on_earth, ZEROS: zeros, ASTRAY: on_earth & ~zeros & ~kept}
+    kept[at] = _longest_sequence(places[at], None if reach_m is None else reach_m[at], allowed_m)
+    counts = {NO_PLACE: ~there, ZEROS: zeros, ASTRAY: there & ~zeros & ~kept}
     left_out = {reason: int(np.count_nonzero(which)) for reason, which in counts.items() if which.any()}
     return PlausiblePositions(kept, turned, left_out)
 
 
+def on_earth(
+    latitude_deg: Float[np.ndarray, " position"], longitude_deg: Float[np.ndarray, " position"]
+) -> Bool[np.ndarray, " position"]:
+    """Whether degrees are a place: latitudes to 90, longitudes to 180, or 360 where they count one way."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(latitude_deg) <= 90.0) & (np.abs(longitude_deg) <= 360.0))
+
+
 def reach_in_time_m(time_s: Float[np.ndarray, " position"]) -> Float[np.ndarray, " position"]:
-    """Upper bound of the travel by times alone, in any unit of order: a clock that steps back counts as forward."""
+    """Upper bound of the travel by times alone; steps backward count like steps forward."""
     return FASTEST_MPS * np.concatenate([np.zeros(min(1, len(time_s))), np.cumsum(np.abs(np.diff(time_s)))])
+
+
+def plausible_places(
+    x_m: Float[np.ndarray, " position"],
+    y_m: Float[np.ndarray, " position"],
+    reach_m: Float[np.ndarray, " position"] | None,
+) -> Bool[np.ndarray, " position"]:
+    """As ``plausible_positions``, of finite places in metres of a plane: those that the rest does not contradict."""
+    places = np.stack([x_m, y_m, np.zeros_like(x_m)], axis=1)
+    return _longest_sequence(places, reach_m, np.full(len(x_m), _STEP_M / 2.0))
 
 
 def known_sigma(sigma: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:
@@ -113,7 +138,7 @@ def _far_from_zero(places_m: Float[np.ndarray, "position 3"]) -> bool:
 
 def _longest_sequence(
     places_m: Float[np.ndarray, "position 3"],
-    reach_m: Float[np.ndarray, " position"],
+    reach_m: Float[np.ndarray, " position"] | None,
     allowed_m: Float[np.ndarray, " position"],
 ) -> Bool[np.ndarray, " position"]:
     """The positions of the longest sequence of runs: a run ends where the next position is out of reach."""
@@ -121,6 +146,8 @@ def _longest_sequence(
     if not count:
         return np.zeros(0, bool)
     step_m = np.linalg.norm(np.diff(places_m, axis=0), axis=1)
+    if reach_m is None:
+        reach_m = _STEPS_A_TRACE * (float(np.median(step_m)) if count > 1 else 0.0) * np.arange(count)
     breaks = np.flatnonzero(step_m > np.diff(reach_m) + allowed_m[1:] + allowed_m[:-1]) + 1
     first, stop = np.concatenate([[0], breaks]), np.concatenate([breaks, [count]])
     best, before = stop - first, np.full(len(first), -1)
@@ -140,6 +167,19 @@ def _longest_sequence(
         kept[first[run] : stop[run]] = True
         run = int(before[run])
     return kept
+
+
+# Clocks with a date.
+
+_RECORDING_NS = 86_400 * 10**9
+
+
+def of_one_recording(stamp_ns: Int[np.ndarray, " record"]) -> Bool[np.ndarray, " record"]:
+    """Which stamps are within a day of the middle one: computers without a battery begin in 1970, or years behind."""
+    if not len(stamp_ns):
+        return np.zeros(0, bool)
+    middle = np.sort(stamp_ns)[len(stamp_ns) // 2]
+    return np.asarray(np.abs(stamp_ns - middle) <= _RECORDING_NS)
 
 
 # Clocks that state a time of day with every record, and a date with some.

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
+from lgprjax.formats.plausible import IMPLAUSIBLE, left_out_in_words
 from lgprjax.formats.profile import Assumed, Profile
 from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, strangers, unread_notes
 from lgprjax.formats.side_positions import SidePositions
@@ -293,6 +294,14 @@ def _notes(
         notes += _of_files(
             strangers(first_file), f"not read: the position file of {first_file.name} must have the same name"
         )
+    notes += [
+        f"{side.path.name}: {left_out_in_words(out, side.counts['rows'] + sum(out.values()))}"
+        for _, side in sides
+        if (out := {reason: side.counts[reason] for reason in IMPLAUSIBLE if reason in side.counts})
+    ]
+    for line in lines:
+        source = str(line.metadata.get("coordinates", ""))
+        notes += [f"{line.path.name}: coordinates from {source}"] if "left out" in source else []
     points = [side.path for line, side in sides if not places_traces(line, side)]
     notes += _of_files(
         list(dict.fromkeys(points)), "not used for positions: it has fewer points than traces (heights only)"
