@@ -169,6 +169,29 @@ def _longest_sequence(
     return kept
 
 
+# Lengths of a path by two sources.
+
+_OTHER_LENGTH = 1.5
+
+
+def lengths_disagree(one_m: float, other_m: float) -> bool:
+    """Whether a stated length, zero if it is not, and another one are not both right: 1.5 times as long, or less."""
+    return one_m > 0.0 and max(one_m, other_m) > _OTHER_LENGTH * min(one_m, other_m)
+
+
+def path_length_m(
+    latitude_deg: Float[np.ndarray, " position"], longitude_deg: Float[np.ndarray, " position"], least_m: float
+) -> float:
+    """Length of the polyline through positions at least so far apart, and the last one: noise adds no length to it."""
+    places = _on_sphere_m(latitude_deg, longitude_deg)
+    length_m, last = 0.0, places[0]
+    for place in places[1:]:
+        step_m = float(np.linalg.norm(place - last))
+        if step_m >= least_m:
+            length_m, last = length_m + step_m, place
+    return length_m + float(np.linalg.norm(places[-1] - last))
+
+
 # Clocks with a date.
 
 _RECORDING_NS = 86_400 * 10**9

@@ -206,10 +206,11 @@ def _coordinates(words: dict[int, Int[np.ndarray, " trace"]], *, feet: bool) -> 
         return None, f"no header ({name}: degrees, minutes and seconds are not read)"
     if unit in (2, 3):
         to_degrees = 3600.0 if unit == 2 else 1.0
-        x, y = x / to_degrees, y / to_degrees
+        x, y = chosen = np.stack([x, y]) / to_degrees
         kept, x, left_out = plausible_positions(y, x, None)
+        first = int(np.argmin(kept))
         if 2 * np.count_nonzero(kept) < kept.size:
-            far = f"longitude {x[np.argmax(np.abs(x))]:g}, latitude {y[np.argmax(np.abs(y))]:g}"
+            far = f"longitude {chosen[0][first]:g}, latitude {chosen[1][first]:g}"
             return None, f"no header ({name}: {left_out_in_words(left_out, kept.size)}, such as {far})"
         x[kept] = np.unwrap(x[kept], period=360.0)
     else:
