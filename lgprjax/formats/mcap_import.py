@@ -266,7 +266,8 @@ def import_mcap(
     t0_ns = _t0_ns(recording.path, texts, int(scan_ns[0]))
     odometry = None if odometer is None else odometry_track(recording.path, odometer, t0_ns)
     navigation, judged = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
-    odometry = odometry or travel_along(navigation)
+    travelled = travel_along(navigation) if odometry is None else None
+    odometry = odometry or OdometryTrack(navigation.time_s, travelled.distance_m)
     scan_time_s = (scan_ns - t0_ns) / 1e9
     kept = _spanned(recording.path, radar, scan_time_s, navigation, odometry)
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))
@@ -275,7 +276,7 @@ def import_mcap(
     # An exported drive's messages include what was assumed when it was imported.
     exported = _exported_provenance(texts)
     made_up = assumed_of(exported)
-    made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, odometer, assumed).items())
+    made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, travelled, assumed).items())
     description = DriveDescription(
         name=texts.get("name") or Path(output).name.split(".")[0],
         t0_utc=utc_text(t0_ns),

@@ -15,6 +15,7 @@ from lgprjax.formats.plausible import known_sigma, of_one_recording, plausible_p
 from lgprjax.formats.profile import Assumed
 from lgprjax.formats.ros import IMU, NAV_SAT_FIX, ODOMETRY, POSE, is_kind, yaw_and_roll
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
+from lgprjax.formats.travel import SmoothedTravel, smoothed_travel
 from lgprjax.frames import LocalFrame, wrap_angle
 
 # Topics of a recording for a drive: stamps and numbers, a row a message.
@@ -291,13 +292,13 @@ def _plausible_rows(
 
 
 def tracks_assumed(
-    position: TopicRows, attitude: TopicRows | None, odometer: TopicRows | None, given: McapAssumed
+    position: TopicRows, attitude: TopicRows | None, travelled: SmoothedTravel | None, given: McapAssumed
 ) -> Assumed:
-    """Assumptions about the tracks, for quantities without a message."""
+    """Assumptions about the tracks, for quantities without a message; ``travelled``: without an odometer."""
     _, rows = position.sorted()
     assumed: Assumed = {}
-    if odometer is None:
-        assumed["odometry"] = "from the positions"
+    if travelled is not None:
+        assumed["odometry"] = travelled.in_words()
     if attitude is None:
         assumed |= {"heading": "along the path", "roll": "taken as 0"}
     if np.all(np.isnan(rows[:, 2])):
@@ -314,14 +315,15 @@ def _stands_in(sigma: float | None, unit: str) -> str:
     return "not recorded" if sigma is None else f"{sigma:g} {unit} as given, where no message states it"
 
 
-def travel_along(navigation: NavigationTrack) -> OdometryTrack:
+def travel_along(navigation: NavigationTrack) -> SmoothedTravel:
     """Signed travel by the positions themselves, along the heading: jitter while standing cancels."""
     frame = LocalFrame(
         float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0]), float(navigation.height_m[0])
     )
     east, north, _ = frame.to_local(navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)
     yaw = frame.yaw_of_heading(navigation.heading_deg, navigation.longitude_deg)
-    return OdometryTrack(navigation.time_s, np.concatenate([[0.0], np.cumsum(_steps_m(east, north, yaw))]))
+    along_m = np.concatenate([[0.0], np.cumsum(_steps_m(east, north, yaw))])
+    return smoothed_travel(navigation.time_s, along_m)
 
 
 def _steps_m(

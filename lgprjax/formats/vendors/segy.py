@@ -18,8 +18,8 @@ from lgprjax.formats.survey_track import (
     UNUSED_PLACE,
     SurveyOrigin,
     check_utm,
-    distances_m,
     time_zero_assumed,
+    travel_along_path,
     unused_zone,
     utm_projection,
 )
@@ -293,15 +293,19 @@ def import_segy(
         notes.append(unused_zone(utm_zone, why))
     if where is not None:
         latitude_deg, longitude_deg = where
+        try:
+            travelled = travel_along_path(latitude_deg, longitude_deg)
+        except ValueError:
+            raise InputError(profile.path, "coordinates", "positions along a line", "one position") from None
         write_positioned_lines(
             [profile],
             latitude_deg=[latitude_deg],
             longitude_deg=[longitude_deg],
             height_m=None,
-            travel_m=[distances_m(latitude_deg, longitude_deg)],
+            travel_m=[travelled.distance_m],
             output=output,
             provenance=provenance,
-            assumed={"odometry": "from the positions", **at_first},
+            assumed={"odometry": travelled.in_words(), **at_first},
             force=force,
         )
         return (*notes, *([] if place.assumed() else [UNUSED_PLACE]))
