@@ -265,6 +265,8 @@ class CoverRecord:
                     from lgprjax.runtime.cart import read_cart_run
 
                     runs.append(read_cart_run(folder, self.cart, plans[0]))
+            for note in runs[-1].provenance.get("notes", ()):
+                say(f"{folder}: {note}")
             if self.smooth:
                 from lgprjax.runtime.smoothed import smooth_run
 

@@ -265,16 +265,18 @@ def import_mcap(
     texts = recording.metadata.get(DRIVE_METADATA, {})
     t0_ns = _t0_ns(recording.path, texts, int(scan_ns[0]))
     odometry = None if odometer is None else odometry_track(recording.path, odometer, t0_ns)
-    navigation = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
-    odometry = odometry or travel_along(navigation)
+    navigation, judged = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
+    travelled = travel_along(navigation) if odometry is None else None
+    odometry = odometry or OdometryTrack(navigation.time_s, travelled.distance_m)
     scan_time_s = (scan_ns - t0_ns) / 1e9
     kept = _spanned(recording.path, radar, scan_time_s, navigation, odometry)
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))
-    notes = _notes(recording, used, attitude, odometer, outside=len(kept) - int(np.count_nonzero(kept)))
+    outside = len(kept) - int(np.count_nonzero(kept))
+    notes = (*_notes(recording, used, attitude, odometer, outside=outside), *judged)
     # An exported drive's messages include what was assumed when it was imported.
     exported = _exported_provenance(texts)
     made_up = assumed_of(exported)
-    made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, odometer, assumed).items())
+    made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, travelled, assumed).items())
     description = DriveDescription(
         name=texts.get("name") or Path(output).name.split(".")[0],
         t0_utc=utc_text(t0_ns),
@@ -347,6 +349,7 @@ def _notes(
             "unreadable": recording.unreadable[rows.topic],
             "without usable values": rows.left_out,
             "without a stamp": rows.unstamped,
+            "of another day than the rest": rows.undated,
             "with a duplicate stamp": rows.repeated,
         }
         texts = [f"{count} messages {words}" for words, count in counts.items() if count]

@@ -12,10 +12,11 @@ from jaxtyping import Float
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
+from lgprjax.formats.plausible import IMPLAUSIBLE, left_out_in_words, lengths_disagree, path_length_m
 from lgprjax.formats.profile import Assumed, Profile
 from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, strangers, unread_notes
 from lgprjax.formats.side_positions import SidePositions
-from lgprjax.formats.survey_layout import OTHER_LENGTH, SurveyLayout, header_positions, lay_out, places_traces
+from lgprjax.formats.survey_layout import SurveyLayout, check_fit, header_positions, lay_out, places_traces
 from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, distances_m, unused_zone, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import read_segy
@@ -128,11 +129,23 @@ def import_lines(
         raise ArgumentError("reversed_lines", f"numbers from 0 to {len(lines) - 1}", str(bad))
     right_m = _tape(len(lines), line_spacing_m, lines_at_m, first_line_m)
     taped = right_m is not None
-    beside = [None if length_m is not None else _positions_beside(line, surveyed=taped) for line in lines]
+    beside: list[SidePositions | None] = [None] * len(lines)
+    unusable: list[InputError] = []
+    for i, line in enumerate(lines if length_m is None else ()):
+        beside[i], refused = _positions_beside(line, surveyed=taped)
+        unusable += refused
+        # Without them the line has no place at all.
+        if refused and beside[i] is None and not taped and (len(lines) > 1 or line.positions_m is None):
+            raise refused[0]
     if not taped and length_m is None:
         lines, beside = _by_their_headers(lines, beside)
+    lines, beside, lengths = _with_believed_lengths(lines, beside, length_m)
     layout = lay_out(lines, beside, right_m, place, utm_zone)
-    notes = _notes(lines, beside, layout, place, utm_zone, length_m)
+    useless = [
+        f"{Path(error.file).name}: not used: {error.place}: expected {error.expected}, found {error.found}"
+        for error in unusable
+    ]
+    notes = (*useless, *lengths, *_notes(lines, beside, layout, place, utm_zone, length_m))
     # From left to right, so that neighbours are compared; lines driven one by one keep their order.
     order = np.argsort(-layout.left_m, kind="stable")
     lines = [lines[i] for i in order]
@@ -293,15 +306,28 @@ def _notes(
         notes += _of_files(
             strangers(first_file), f"not read: the position file of {first_file.name} must have the same name"
         )
+    notes += [
+        f"{side.path.name}: {left_out_in_words(out, side.counts['rows'] + sum(out.values()))}"
+        for _, side in sides
+        if (out := {reason: side.counts[reason] for reason in IMPLAUSIBLE if reason in side.counts})
+    ]
+    for line in lines:
+        source = str(line.metadata.get("coordinates", ""))
+        notes += [f"{line.path.name}: coordinates from {source}"] if "left out" in source else []
+    for line, side in sides:
+        beyond = int(np.count_nonzero(side.trace >= len(line.channels))) if side.numbered and line.cut is None else 0
+        if beyond:
+            why = "if the radar paused, places behind the pause are wrong"
+            notes.append(f"{side.path.name}: {beyond} of {len(side.trace)} positions after the last trace: {why}")
     points = [side.path for line, side in sides if not places_traces(line, side)]
     notes += _of_files(
         list(dict.fromkeys(points)), "not used for positions: it has fewer points than traces (heights only)"
     )
     for (line, _), rows in zip(sides, layout.along_m, strict=True) if layout.along_m is not None else ():
-        header_m = (line.spacing_m or 0.0) * (len(line.channels) - 1)
-        rows_m = float(abs(rows[-1] - rows[0]))
-        if header_m and not 1.0 / OTHER_LENGTH < rows_m / header_m < OTHER_LENGTH:
-            notes.append(f"{line.path.name}: the topography is {rows_m:.2f} m long, the header says {header_m:.2f} m")
+        header_m, rows_m = _header_m(line, 0, len(line.channels) - 1), float(abs(rows[-1] - rows[0]))
+        if lengths_disagree(header_m, rows_m):
+            said = f"the header says {header_m:.2f} m, the topography {rows_m:.2f} m: the topography is used"
+            notes.append(f"{line.path.name}: {said}")
     dead = dict.fromkeys(line.path.name for line in lines if not np.ptp(line.traces))
     notes += [f"{name}: no signal was recorded: all samples are equal" for name in dead]
     first: dict[str, Path] = {}
@@ -355,10 +381,75 @@ def _tape(
     return first_line_m + np.arange(lines) * line_spacing_m
 
 
-def _positions_beside(line: Profile, *, surveyed: bool) -> SidePositions | None:
-    """Side positions of a line: its topography, else a receiver's positions, unless only surveyed ones are allowed."""
-    files = [file for file in find_side_files(line.path) if not (surveyed and file.suffix.lower() in RECEIVERS)]
-    return read_side_file(files[0]) if files else None
+def _positions_beside(line: Profile, *, surveyed: bool) -> tuple[SidePositions | None, list[InputError]]:
+    """Side positions of a line, and why files before them are no use.
+
+    These are those of its topography, else a receiver's, unless only surveyed ones are allowed.
+    """
+    unusable: list[InputError] = []
+    for file in find_side_files(line.path):
+        if surveyed and file.suffix.lower() in RECEIVERS:
+            continue
+        try:
+            side = read_side_file(file)
+            check_fit(line, side)
+        except InputError as error:
+            unusable.append(error)
+        else:
+            return side, unusable
+    return None, unusable
+
+
+_FIX_SIGMA_M = {4: 0.05, 5: 0.5, 2: 2.0}
+"""Sigma of a receiver's positions by their quality as in GGA; 5 m for any other, or where it is not stated."""
+_SURE_SIGMAS = 4.0
+
+
+def _with_believed_lengths(
+    lines: list[Profile], beside: list[SidePositions | None], length_m: float | None
+) -> tuple[list[Profile], list[SidePositions | None], list[str]]:
+    """Lines with the length of the more reliable source, their usable side positions, and notes where two disagree.
+
+    A receiver is believed before a header where their difference is far beyond its noise: spacings are typed in by
+    hand. A receiver that stood still while the header's traces went on is not used.
+    """
+    lines, beside, notes = list(lines), list(beside), []
+    for i, (line, side) in enumerate(zip(lines, beside, strict=True)):
+        name, header_m = line.path.name, _header_m(line, 0, len(line.channels) - 1)
+        if length_m is not None and lengths_disagree(header_m, length_m):
+            notes.append(f"{name}: the header says {header_m:.2f} m, the given length is {length_m:.2f} m: it is used")
+        if side is None or side.kind != "degrees" or not side.numbered or side.path == line.path:
+            continue
+        own = side.trace < len(line.channels)
+        first, last = (int(side.trace[own][end]) for end in (0, -1))
+        header_m = _header_m(line, first, last)
+        quality = np.nan if side.quality is None else float(np.median(side.quality[own]))
+        sigma_m = _FIX_SIGMA_M.get(int(np.nan_to_num(quality)), 5.0)
+        receiver_m = path_length_m(side.y[own], side.x[own], 10.0 * sigma_m)
+        sure_m = _SURE_SIGMAS * sigma_m
+        if not lengths_disagree(header_m, receiver_m) or abs(receiver_m - header_m) < sure_m:
+            continue
+        if receiver_m < sure_m:
+            beside[i] = None
+            used = "the header is used, the receiver stood still"
+        else:
+            scale = receiver_m / header_m
+            lines[i] = replace(
+                line,
+                spacing_m=None if line.spacing_m is None else line.spacing_m * scale,
+                positions_m=None if line.positions_m is None else line.positions_m * scale,
+            )
+            used = f"the receiver is used, all spacings times {scale:.4g}"
+        traces = f"from trace {first} to {last}"
+        notes.append(f"{name}: {traces} the header says {header_m:.2f} m, {side.path.name} {receiver_m:.2f} m: {used}")
+    return lines, beside, notes
+
+
+def _header_m(line: Profile, first: int, last: int) -> float:
+    """Length between two traces by the header; 0 if it states none."""
+    if line.spacing_m is not None or line.positions_m is None:
+        return (line.spacing_m or 0.0) * (last - first)
+    return float(np.sum(np.abs(np.diff(line.positions_m[first : last + 1]))))
 
 
 def _channels(profile: Profile) -> list[Profile]:

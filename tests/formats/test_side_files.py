@@ -8,6 +8,7 @@ import pytest
 from formats.samples import write_dt1
 from formats.side_samples import cor_row, dzg_text, gga, gps_text, rmc, sentence
 from lgprjax.formats import find_side_files, places_of_traces, read_side_file
+from lgprjax.formats.plausible import ZEROS
 from refusals import refused
 
 _PLACES = np.array([[12.5, -1.25, 10.04], [12.5, -1.0, 10.03], [12.75, -0.75, 10.02]])
@@ -168,7 +169,12 @@ def test_bad_receiver_files_are_refused(tmp_path: Path) -> None:
         ("a.cor", row.replace("N", "Q"), "line 1", ("Q",)),
         ("a.cor", row + row.replace("46.2", "96.2"), "line 2", ("96.2",)),
         ("a.cor", row + cor_row(5) + cor_row(4), "line 3", (4, 3)),
-        ("a.cor", cor_row(1, latitude="0.0\tN", longitude="0\tE"), "positions", ("traces 1, without fix 1",)),
+        (
+            "a.cor",
+            cor_row(1, latitude="0.0\tN", longitude="0\tE"),
+            "positions",
+            ("traces 1, without fix 0", f"{ZEROS} 1"),
+        ),
         ("a.cor", "\r\n", "positions", ("traces 0, without fix 0",)),
         ("a.kml", "", "file name", (".xyz", ".csv", ".txt", ".gps", ".dzg", ".cor", ".kml")),
     ]
@@ -193,20 +199,20 @@ def test_dzg_counts_scans_from_zero(tmp_path: Path) -> None:
 @pytest.mark.parametrize("first", [0, 1])
 def test_cor(tmp_path: Path, first: int) -> None:
     rows = [
-        cor_row(first),
+        cor_row(first, latitude="33.5001\tS", longitude="151.2501\tW"),
         cor_row(7, latitude="33.5\tS", longitude="151.25\tW", extra=""),
         cor_row(9, latitude="0.0\tN", longitude="0.0\tE").replace("\t", "  "),
     ]
     positions = read_side_file(_write(tmp_path / "a.cor", "".join(rows)))
     np.testing.assert_array_equal(positions.trace, [0, 7 - first])
-    np.testing.assert_array_equal(positions.x, [12.97, -151.25])
-    np.testing.assert_array_equal(positions.y, [46.2, -33.5])
+    np.testing.assert_array_equal(positions.x, [-151.2501, -151.25])
+    np.testing.assert_array_equal(positions.y, [-33.5001, -33.5])
     np.testing.assert_allclose(positions.z, [130 + first / 100, 130.07])
     assert positions.height == "unstated"
     assert positions.time_s is not None
     assert positions.time_s[1] == 36007
     np.testing.assert_array_equal(positions.hdop, [1.2, np.nan])
-    assert positions.counts == {"rows": 2, "traces": 3, "without fix": 1, "repeated": 0}
+    assert positions.counts == {"rows": 2, "traces": 3, "without fix": 0, ZEROS: 1, "repeated": 0}
 
 
 def test_places_lie_between_the_measured_traces(tmp_path: Path) -> None:
@@ -221,9 +227,9 @@ def test_places_lie_between_the_measured_traces(tmp_path: Path) -> None:
 
 
 def test_places_go_the_short_way_across_the_date_line(tmp_path: Path) -> None:
-    rows = cor_row(1, longitude="179.9\tE") + cor_row(3, longitude="179.9\tW")
+    rows = cor_row(1, longitude="179.9999\tE") + cor_row(3, longitude="179.9999\tW")
     places = places_of_traces(read_side_file(_write(tmp_path / "a.cor", rows)), 3)
-    np.testing.assert_allclose(np.abs(places.x), [179.9, 180.0, 179.9])
+    np.testing.assert_allclose(np.abs(places.x), [179.9999, 180.0, 179.9999])
 
 
 def test_find_side_files(tmp_path: Path) -> None:

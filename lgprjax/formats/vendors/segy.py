@@ -11,14 +11,15 @@ from jaxtyping import Float, Int, Num
 
 from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import inputs_of, write_lines, write_positioned_lines
+from lgprjax.formats.plausible import ASTRAY, left_out_in_words, plausible_places, plausible_positions
 from lgprjax.formats.profile import Profile, TraceCoordinates, count_traces, read_bytes
 from lgprjax.formats.side_positions import metres_kind
 from lgprjax.formats.survey_track import (
     UNUSED_PLACE,
     SurveyOrigin,
     check_utm,
-    distances_m,
     time_zero_assumed,
+    travel_along_path,
     unused_zone,
     utm_projection,
 )
@@ -195,22 +196,34 @@ def _coordinates(words: dict[int, Int[np.ndarray, " trace"]], *, feet: bool) -> 
         name = f"the {name} fields"
     else:
         return None, "no header"
-    if not present.all():
-        return None, f"no header ({name}: {np.count_nonzero(~present)} of {present.size} traces without)"
     x, y = chosen * factor
+    unit = int(words[89][0])
+    if unit not in (2, 3) and not present.all():
+        return None, f"no header ({name}: {np.count_nonzero(~present)} of {present.size} traces without)"
     if np.ptp(x) == 0 and np.ptp(y) == 0:
         return None, f"no header ({name}: all traces in one place)"
-    unit = int(words[89][0])
-    if unit in (2, 3):
-        to_degrees = 3600.0 if unit == 2 else 1.0
-        x, y = x / to_degrees, y / to_degrees
-        if np.max(np.abs(x)) > 360 or np.max(np.abs(y)) > 90:
-            far = f"longitude {x[np.argmax(np.abs(x))]:g}, latitude {y[np.argmax(np.abs(y))]:g}"
-            return None, f"no header ({name}: {far} are no degrees)"
-        return TraceCoordinates("degrees", x, y), f"{name}, degrees"
     if unit == 4:
         return None, f"no header ({name}: degrees, minutes and seconds are not read)"
-    return TraceCoordinates("metres", x * (_FOOT_M if feet else 1.0), y * (_FOOT_M if feet else 1.0)), f"{name}, length"
+    if unit in (2, 3):
+        to_degrees = 3600.0 if unit == 2 else 1.0
+        x, y = chosen = np.stack([x, y]) / to_degrees
+        kept, x, left_out = plausible_positions(y, x, None)
+        first = int(np.argmin(kept))
+        if 2 * np.count_nonzero(kept) < kept.size:
+            far = f"longitude {chosen[0][first]:g}, latitude {chosen[1][first]:g}"
+            return None, f"no header ({name}: {left_out_in_words(left_out, kept.size)}, such as {far})"
+        x[kept] = np.unwrap(x[kept], period=360.0)
+    else:
+        x, y = (axis * (_FOOT_M if feet else 1.0) for axis in (x, y))
+        # A site's own metres are distances along its lines, and a step in them is refused.
+        kept = plausible_places(x, y, None) if metres_kind(x, y) == "grid metres" else np.ones(x.size, bool)
+        left_out = {} if kept.all() else {ASTRAY: int(np.count_nonzero(~kept))}
+    if left_out:
+        name = f"{name}, {left_out_in_words(left_out, kept.size)}"
+        x, y = (np.interp(np.arange(kept.size), np.flatnonzero(kept), axis[kept]) for axis in (x, y))
+    if unit in (2, 3):
+        return TraceCoordinates("degrees", (x + 180.0) % 360.0 - 180.0, y), f"{name}, degrees"
+    return TraceCoordinates("metres", x, y), f"{name}, length"
 
 
 _PAIRS = {"source": (73, 77), "receiver": (81, 85), "ensemble": (181, 185)}
@@ -274,21 +287,25 @@ def import_segy(
     at_first = time_zero_assumed(time_zero_ns, profile.channels.shape[2] * profile.sample_interval_ns)
     where = None if length_m is not None else _on_the_earth(profile, utm_zone)
     kind = None if profile.coordinates is None else profile.coordinates.kind
-    notes = []
+    notes = [f"coordinates from {source}"] if "left out" in (source := str(profile.metadata["coordinates"])) else []
     if utm_zone is not None and (length_m is not None or kind == "degrees"):
         why = "the line is placed by its length" if length_m is not None else "the coordinates are in degrees"
         notes.append(unused_zone(utm_zone, why))
     if where is not None:
         latitude_deg, longitude_deg = where
+        try:
+            travelled = travel_along_path(latitude_deg, longitude_deg)
+        except ValueError:
+            raise InputError(profile.path, "coordinates", "positions along a line", "one position") from None
         write_positioned_lines(
             [profile],
             latitude_deg=[latitude_deg],
             longitude_deg=[longitude_deg],
             height_m=None,
-            travel_m=[distances_m(latitude_deg, longitude_deg)],
+            travel_m=[travelled.distance_m],
             output=output,
             provenance=provenance,
-            assumed={"odometry": "from the positions", **at_first},
+            assumed={"odometry": travelled.in_words(), **at_first},
             force=force,
         )
         return (*notes, *([] if place.assumed() else [UNUSED_PLACE]))

@@ -151,7 +151,7 @@ class GnssSenses:
 
     def _take_position(self, sample: GnssSample, stated: GnssPosition, arrival_ns: int) -> None:
         time_ns = self._time_of("position", sample.scale, stated.tow_s, arrival_ns)
-        if time_ns is None or stated.quality is Quality.NONE:
+        if time_ns is None or not math.isfinite(stated.height_m):
             return
         if self.frame is None:
             self.frame = LocalFrame(stated.latitude_deg, stated.longitude_deg, stated.height_m)
