@@ -97,7 +97,7 @@ def drive_of_run(
         vehicle_file = config.path(config.vehicle)
     vehicle = None if vehicle_file is None else read_vehicle(vehicle_file)
     sigma_m = config.sensors.gnss_sigma_m
-    if config.mode == "record":
+    if not config.map:
         return write_run_drive(
             reading,
             output,

@@ -131,7 +131,8 @@ class Processes:
         self.alive: dict[str, bool] = {}
         self.mandatory = config.recording.mandatory
         self.radar: list[str] = []
-        self._beside = "registration" if config.coverage is None else "coverage"
+        without = "recorder" if config.ports.radar is None else "registration"
+        self._beside = without if config.coverage is None else "coverage"
 
     def take(self, note: dict[str, Any]) -> list[Event]:
         """Take a note of the supervisor, or of the radar; returns its event for the modes."""

@@ -1,12 +1,14 @@
 """The simulated devices of a counter-steered vehicle with a radar on a course."""
 
 from collections import deque
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from lgprjax.errors import InputError
 from lgprjax.scene.vehicle_drive import TrueVehicle
 from lgprjax.simulation.devices.boxes import DriveBox
 from lgprjax.simulation.devices.faults import FAULTS
@@ -50,6 +52,7 @@ class CourseSpec(StageSpec):
         drive_seed: of the day and of all errors.
         recording, gain_drift: of the radar: finished traces, or stepped-frequency sweeps; see ``CourseWorld``.
         gnss_slow_m: sigma of the slow error of positions against the map, an axis.
+        vehicle: numbers of the vehicle that differ from those of ``TrueVehicle``.
         map: the course's map, whose frame poses are in; "" where there is none yet: the site's own frame.
         host: what it does: drive, record, or record without a radar; times of the script count from when it does so.
         start_m: way along the baseline at which the vehicle stands.
@@ -63,6 +66,7 @@ class CourseSpec(StageSpec):
     recording: Literal["traces", "sweeps"] = "traces"
     gain_drift: float = Field(default=GAIN_DRIFT, ge=-0.9, le=10.0)
     gnss_slow_m: float = Field(default=GNSS_SLOW_M, ge=0.0, le=10.0)
+    vehicle: dict[str, float] = Field(default_factory=dict)
     map: str = ""
     host: Literal["drive", "record", "record_without_radar"] = "drive"
     start_m: float = Field(default=2.0, ge=0.0)
@@ -107,7 +111,11 @@ class CourseStage(Stage[DriveBox, Tick]):
     def __init__(self, spec: CourseSpec, world: CourseWorld, file: Path, begin_ns: int) -> None:
         seed = spec.drive_seed
         super().__init__(_KIND, spec, file, begin_ns, tick_ns=1e9 * world.tick_s, box=DriveBox, seed=seed)
-        true = TrueVehicle(array_x_m=world.laid.spec.array_x_m)
+        usual = TrueVehicle(array_x_m=world.laid.spec.array_x_m)
+        numbers = {name for name, value in asdict(usual).items() if isinstance(value, float) and name != "array_x_m"}
+        for name in spec.vehicle.keys() - numbers:
+            raise InputError(file, "vehicle", "one of " + ", ".join(sorted(numbers)), name)
+        true = replace(usual, **spec.vehicle)
         assert isinstance(true.rear, float)
         self.world, self._host = world, spec.host
         self._body = Body(true, world, world.start(spec.start_m), self.faults, seed, spec.gnss_slow_m)
