@@ -4,6 +4,7 @@ In addition to navigation, the inputs hold the measured angle of the front wheel
 limiter follows it, so that the first command after engaging starts from where the wheels are.
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -255,6 +256,7 @@ def onboard_setup(
     tick_s: float,
     gnss_period_s: float,
     risk: float,
+    has_lgpr: bool = True,
     weak_exponent: float = 0.0,
     least_share: float = 1.0,
 ) -> OnboardSetup:
@@ -268,6 +270,7 @@ def onboard_setup(
         tick_s: of the loop.
         gnss_period_s: from one position to the next.
         risk: largest accepted probability of a false match.
+        has_lgpr: there are fixes of LGPR.
         weak_exponent, least_share: as in ``AutopilotConfig``.
     """
     one = jnp.float32
@@ -281,7 +284,7 @@ def onboard_setup(
             heading_period_s=tick_s,
             odometer_period_s=tick_s,
             # Fixes come in stretches: a metre or two of poor ground is normal.
-            lgpr_period_s=0.5,
+            lgpr_period_s=0.5 if has_lgpr else math.inf,
             risk=risk,
         ),
     )

@@ -137,8 +137,9 @@ class LockStep:
         # The computer's clock at the beginning, so that dates of the recording are right.
         self._begin_ns = self._now_ns = self._due_ns = time.monotonic_ns()
         self.stage = make(self._begin_ns)
-        self._records = not config.commands
-        self._loaded = None if self._records else load_vehicle(config)
+        # Without a map scans are recorded, not searched.
+        self._records = not config.map
+        self._loaded = load_vehicle(config) if config.commands else None
         session = draw_session()
         self.core: ControlCore | RecordCore = RecordCore(config)
         if self._loaded is not None:
@@ -292,7 +293,7 @@ class LockStep:
             elif self._records:
                 head = json.dumps({"scans": 1}).encode()
                 self._came.append(Record(RecordKind.EVENT, Source.REGISTRATION, 0, arrival.mono_ns, head))
-                if self._shown is not None:
+                if self._shown is not None and self._loaded is None:
                     self._shown.scan(record)
             elif self._queue is not None:
                 self._queue.take(frame, arrival.mono_ns)

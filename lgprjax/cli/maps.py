@@ -384,7 +384,7 @@ class MapBuild:
             )
         if self.travel_time_ns is not None and not 1.0 <= self.travel_time_ns <= 1e5:
             raise UsageError(f"--travel-time-ns: expected 1 to 100000, in ns, found {self.travel_time_ns:g}")
-        drives = tuple(_drive_of(path) for path in self.drives)
+        drives = tuple(drive_of(path) for path in self.drives)
         scans = 0
         for path in drives:
             with DriveLog.open(path) as log:
@@ -406,7 +406,7 @@ class MapBuild:
         verdict(f"wrote {_size(self.output, figures)}", f"map verify {self.output}")
 
 
-def _drive_of(path: Path) -> Path:
+def drive_of(path: Path) -> Path:
     """A drive log; of a run folder the one that the run wrote, or that is written now from its records."""
     if not (path / "run.json").is_file():
         return path

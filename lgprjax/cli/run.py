@@ -101,9 +101,9 @@ class Run:
             # Its ports lead to no device: the runtime would wait forever.
             expected = "--simulate as well, or no such table for a real vehicle"
             raise InputError(config.file, "simulation", expected, "a table")
-        if config.mode == "drive" and config.coverage is None and not config.path(config.map).is_file():
+        if config.map and not config.path(config.map).is_file():
             raise InputError(config.file, "map", "an existing map", str(config.path(config.map)))
-        if config.mode == "record":
+        if not config.map and config.coverage is None:
             from lgprjax.runtime.preflight import check_recordable  # reads receivers, whose packages are there by now
 
             check_recordable(config)
@@ -208,13 +208,19 @@ class Run:
         if table is None:
             raise InputError(self.config, "simulation", "a table with the simulated devices", "none")
         check_before(config, table)
-        if config.mode == "record":
+        if not config.map and config.coverage is None:
             check_recordable(config)
         field, records = config.coverage is not None, config.mode == "record"
         if records and self.for_s is None:
             raise UsageError("--for-s: a simulated run that only records needs its duration in seconds")
         if not records:
-            making = "creating the plan" if field else "creating course, map and route"
+            making = (
+                "creating the plan"
+                if field
+                else "creating course, map and route"
+                if config.map
+                else "creating course and route"
+            )
             # A first map takes minutes, and a terminal without colours shows no progress.
             say(making)
             with working(making):

@@ -63,17 +63,37 @@ def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
 
 
 def prepare_course(config: "RuntimeConfig", table: "SimulationTable") -> None:
-    """Create the map and the first route of the configuration if they are missing.
+    """Create the map and the first route of the configuration if they are missing; without a map, waypoints.
 
     Raises:
         InputError: a file cannot be written.
     """
-    database = config.path(config.map)
-    if not database.exists():
-        _make_map(table, database)
     route = config.path(config.routes[0])
+    source = config.path(config.map) if config.map else route.with_name(route.name.split(".")[0] + ".csv")
+    if config.map and not source.exists():
+        _make_map(table, source)
     if not route.exists():
-        _make_route(config, database, route)
+        if not config.map:
+            _make_waypoints(table, source)
+        _make_route(config, source, route)
+
+
+def _make_waypoints(table: "SimulationTable", output: Path) -> None:
+    """The course's true baseline, as waypoints."""
+    from lgprjax.formats import write_waypoints
+    from lgprjax.mapping import Route, RouteSource, waypoints_of
+    from lgprjax.navigation import RouteSpeeds, RouteTrack, legs_of_track, make_route_path
+    from lgprjax.simulation.drives import SITE_FRAME
+    from lgprjax.simulation.loop import OffRoad, anchor_of, baseline_poses, lay_course
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    laid_course = lay_course(OffRoad(table.seed, table.length_m, table.scan_share))
+    poses = baseline_poses(laid_course)
+    track = RouteTrack("baseline", anchor_of(poses, laid_course.spec.array_x_m), poses[:, 3])
+    nowhere = np.zeros(len(poses))
+    source = RouteSource(output, SITE_FRAME, [Route("baseline", track, nowhere, nowhere, closed=False)])
+    laid = make_route_path(*legs_of_track(track), None, RouteSpeeds(_CRUISE_MPS))
+    write_waypoints(output, "baseline", waypoints_of(laid, source), force=True)
 
 
 def _make_map(table: "SimulationTable", database: Path) -> None:
@@ -90,16 +110,15 @@ def _make_map(table: "SimulationTable", database: Path) -> None:
         build_map([course.baseline], database)
 
 
-def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
+def _make_route(config: "RuntimeConfig", source: Path, route: Path) -> None:
     from lgprjax.files import file_hash
-    from lgprjax.formats import MapFile, RouteFile, write_route
-    from lgprjax.mapping import routes_of
+    from lgprjax.formats import RouteFile, write_route
+    from lgprjax.mapping import read_source
 
-    with MapFile.open(database) as source:
-        first = routes_of(source)[0]
+    first = read_source(source).routes[0]
     chosen = RouteFile(
-        database,
-        file_hash(database),
+        source,
+        file_hash(source),
         first.name,
         0.0,
         first.length_m,

@@ -29,7 +29,7 @@ from lgprjax.formats.mcap_import import ImportedRecording, McapTopics, import_mc
 from lgprjax.formats.mcap_recording import UniformArray
 from lgprjax.formats.mcap_tracks import McapAssumed
 from lgprjax.formats.profile import Profile, TraceCoordinates, assumed_in_words, assumed_of
-from lgprjax.formats.route_files import RouteFile, Waypoints, read_route, route_findings, write_route, write_waypoints
+from lgprjax.formats.route_files import RouteFile, read_route, route_findings, write_route
 from lgprjax.formats.run_log import RunReading, RunSummary, complex_rows, read_run
 from lgprjax.formats.schema import Finding, Schema, load_schema
 from lgprjax.formats.settings_files import Study, read_study, read_thresholds, write_thresholds
@@ -57,6 +57,7 @@ from lgprjax.formats.vendors.gprmax import import_gprmax, read_gprmax
 from lgprjax.formats.vendors.grounded import import_grounded
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import import_segy, read_segy
+from lgprjax.formats.waypoint_files import Waypoints, WaypointTrack, read_waypoints, write_waypoints
 from lgprjax.formats.worked import (
     GeoLayer,
     WorkedRecord,
@@ -114,6 +115,7 @@ __all__ = [
     "UniformArray",
     "VehicleFile",
     "VehicleLog",
+    "WaypointTrack",
     "Waypoints",
     "WheelMap",
     "WorkedRecord",
@@ -162,6 +164,7 @@ __all__ = [
     "read_study",
     "read_thresholds",
     "read_vehicle",
+    "read_waypoints",
     "read_worked",
     "refuse_other_drive",
     "require_serial_number",

@@ -103,15 +103,31 @@ class SensorsTable(ConfigTable):
 
 
 class ControlTable(ConfigTable):
-    """The control loop. ``fusion`` selects the source of the pose used for control."""
+    """The control loop.
+
+    Attributes:
+        fusion: source of the pose used for control.
+        cross_sigmas_m: standard deviations of the position across the route: above the first the speed is capped, at
+            the second the cap is ``slow_mps``, above the third the vehicle stops.
+        slow_mps: speed cap of a counter-steered vehicle with a fault that it drives on with.
+    """
 
     fusion: Literal["filter", "switch"] = "filter"
+    cross_sigmas_m: list[float] = Field(default=[0.10, 0.15, 0.25], min_length=3, max_length=3)
+    slow_mps: float = Field(default=2.0, gt=0.0, le=30.0)
     core: int | None = None
     realtime_priority: int | None = Field(default=None, ge=1, le=99)
     collect_garbage: Literal["never", "between"] = "between"
     set_speed_step_mps: float = Field(default=0.25, gt=0.0, le=2.0)
     fastest_engage_mps: float = Field(default=4.5, gt=0.0, le=30.0)
     override_torque_nm: float = Field(default=4.0, gt=0.0, le=50.0)
+
+    @field_validator("cross_sigmas_m")
+    @classmethod
+    def _rise(cls, sigmas_m: list[float]) -> list[float]:
+        if not 0.0 < sigmas_m[0] < sigmas_m[1] < sigmas_m[2] <= 1.0:
+            raise BrokenRuleError("cross_sigmas_m", "three rising numbers above 0, at most 1", str(sigmas_m))
+        return sigmas_m
 
 
 class CoverageTable(ConfigTable):
@@ -241,8 +257,8 @@ class RuntimeConfig(ConfigTable):
 
     Attributes:
         file: its path.
-        mode: drive: by a map and its routes, or in a field; record: radar, positions and odometry, without commands;
-            calibrate: a manoeuvre of ``[calibration]``.
+        mode: drive: along routes, with map and radar or by GNSS/INS alone, or in a field; record: radar, positions and
+            odometry, without commands; calibrate: a manoeuvre of ``[calibration]``.
         vehicle: vehicle file; may be missing, or unfinished, in mode record.
     """
 
@@ -275,7 +291,7 @@ class RuntimeConfig(ConfigTable):
 
     @model_validator(mode="after")
     def _one_work(self) -> "RuntimeConfig":
-        """A recording, a map with routes of it, which needs the radar, or a field."""
+        """A recording, routes, or a field. A map needs a radar; without a map, the scans of a radar are recorded."""
         lines = [name for name in PortsTable.model_fields if getattr(self.ports, name) is not None]
         if (self.mode == "calibrate") != (self.calibration is not None):
             raise BrokenRuleError(
@@ -296,8 +312,12 @@ class RuntimeConfig(ConfigTable):
                 raise self._of_work("either [coverage], or map and routes")
             if self.output is not None:
                 raise self._of_work("[output] only with a map: field runs give out no corrected position")
-        elif not (self.map and self.routes and self.ports.radar is not None):
-            raise self._of_work("map, routes and ports.radar, or [coverage]")
+        elif not self.routes:
+            raise self._of_work("routes, with or without map and ports.radar, or [coverage]")
+        elif self.map and self.ports.radar is None:
+            raise self._of_work("ports.radar with a map, or no map to drive by GNSS/INS alone")
+        elif self.output is not None and not self.map:
+            raise self._of_work("[output] only with a map: GNSS/INS alone gives no corrected position")
         return self
 
     def _require(self, lines: list[str], needed: list[str]) -> None:
@@ -308,7 +328,7 @@ class RuntimeConfig(ConfigTable):
 
     def _of_work(self, expected: str) -> BrokenRuleError:
         deciding = ("map", "routes", "coverage", "output")
-        given = ", ".join(name for name in deciding if name in self.model_fields_set)
+        given = ", ".join(name for name in deciding if getattr(self, name))
         if self.ports.radar is not None:
             given += ", ports.radar"
         return BrokenRuleError("map, routes, coverage", expected, given.removeprefix(", ") or "none of these")

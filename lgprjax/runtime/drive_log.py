@@ -99,7 +99,7 @@ def drive_of_run(
         vehicle_file = config.path(config.vehicle)
     vehicle = None if vehicle_file is None else read_vehicle(vehicle_file)
     sigma_m = config.sensors.gnss_sigma_m
-    if config.mode != "drive":
+    if not config.map:
         calibrates = config.mode == "calibrate" and vehicle is not None
         return write_run_drive(
             reading,

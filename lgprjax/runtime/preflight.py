@@ -61,8 +61,11 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
         return finding + (f", and by {own}" if own is not None else "")
 
     yield _tried("vehicle file", vehicle)
-    yield _tried("map", database)
-    yield _tried("registration", registration)
+    if config.map:
+        yield _tried("map", database)
+        yield _tried("registration", registration)
+    elif config.ports.radar is not None:
+        yield _tried("recording of the radar", lambda: check_recordable(config))
     try:
         routes = load(config).routes
     except InputError as error:

@@ -37,7 +37,7 @@ def test_what_is_written_is_read_and_paths_follow_the_file(tmp_path: Path) -> No
 
 _WRONG: list[tuple[str, str, str, tuple[object, ...]]] = [
     ('schema = "lgprjax.route"', 'schema = "lgprjax.vehicle"', "@schema", ("lgprjax.route",)),
-    ('schema_version = "1.0"', 'schema_version = "2.0"', "@schema_version", ("2.0",)),
+    ('schema_version = "1.1"', 'schema_version = "2.0"', "@schema_version", ("2.0",)),
     ("from_m = 3.5", "from_m = -1", "from_m", (-1,)),
     ("from_m = 3.5", "from_m = 90", "to_m", (90, 80.25)),
     ("to_m = 80.25", "to_m = nan", "to_m", ("nan",)),

@@ -111,7 +111,7 @@ class TickResult(NamedTuple):
             search_ alike: from where the map is searched.
         speed_mps: forward.
         sigma_along_m, sigma_cross_m: of the filter's position.
-        reaction, reasons, cap_mps, bounded, frame_left_m: health.
+        reaction, reasons, cap_mps, bounded, gnss_bounded, frame_left_m: health.
         accepted, offered: bits of the sources.
         ahead_m ... gear: the plan, see ``Plan``.
         front_rad, throttle, brake, limited: the command and the limiter's bits.
@@ -138,6 +138,7 @@ class TickResult(NamedTuple):
     reasons: float
     cap_mps: float
     bounded: float
+    gnss_bounded: float
     frame_left_m: float
     accepted: float
     offered: float
@@ -209,6 +210,7 @@ def step_compiled(
         navigated.health.reasons,
         navigated.health.speed_cap_mps,
         navigated.health.bounded,
+        navigated.health.gnss_bounded,
         navigated.frame_left_m,
         bits_of(navigated.info.accepted),
         bits_of(navigated.info.offered),

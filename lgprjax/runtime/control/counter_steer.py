@@ -8,7 +8,7 @@ import numpy as np
 
 from lgprjax.autopilot import Check, Event, Limited, OnboardState
 from lgprjax.autopilot.monitors import REFUSING, SEVERITY, BoxState, Severity, Watch, describe
-from lgprjax.navigation import OF_GNSS, PlanCode, Reaction, Reason, RoutePath
+from lgprjax.navigation import OF_GNSS, OF_LGPR, PlanCode, Reaction, Reason, RoutePath
 from lgprjax.registration import Code
 from lgprjax.run_records import PLAN, POSE, PRIOR, Record, RecordKind, fix_row
 from lgprjax.runtime.config import ControlTable, RuntimeConfig, SensorsTable
@@ -48,10 +48,11 @@ class Panel:
 
     Args:
         routes: of the configuration.
+        lgpr: there is a map to match scans with.
     """
 
-    def __init__(self, routes: list[LaidRoute]) -> None:
-        self._routes = routes
+    def __init__(self, routes: list[LaidRoute], *, lgpr: bool = True) -> None:
+        self._routes, self._lgpr = routes, lgpr
         self._listed = [
             {"name": route.name, "length_m": round(route.length_m, 1), "problem": route.problem or None}
             for route in routes
@@ -92,6 +93,10 @@ class Panel:
             "cross_track_m": result.offset_m,
             "to_go_m": result.to_go_m,
             "heading_error_deg": math.degrees(result.heading_error_rad),
+            "lgpr": self._lgpr,
+            "bounded_by": [
+                name for name, flag in (("LGPR", result.bounded), ("GNSS", result.gnss_bounded)) if flag == 1.0
+            ],
             "correlation": math.nan if old else self.correlation,
             "code": None if old else self.code,
             "ok_share": share,
@@ -154,6 +159,7 @@ class Pilot:
     def __init__(self, loaded: Loaded, control: ControlTable, sensors: SensorsTable) -> None:
         self._setup, self._routes = loaded.setup, loaded.routes
         self._fusion, self._sensors = control.fusion, sensors
+        self._coarse_m = float(loaded.setup.navigator.health.coarse_m)
         self._state: OnboardState | None = None
         self._searched = 0
         self.result = _NOTHING
@@ -255,7 +261,7 @@ class Pilot:
             gnss_valid=float(place is not None),
             gnss_x_m=0.0 if place is None else place.x_m,
             gnss_y_m=0.0 if place is None else place.y_m,
-            gnss_m2=1.0 if place is None else place.sigma_m**2,
+            gnss_m2=1.0 if place is None else self._sigma_m(place) ** 2,
             gnss_age_s=0.0 if place is None else (now_ns - place.time_ns) / 1e9,
             heading_valid=float(attitude is not None),
             heading_rad=0.0 if attitude is None else attitude.yaw_rad,
@@ -276,6 +282,10 @@ class Pilot:
             torque_share=ordered.torque_share,
             **{name: seen.get(name, 0.0) for name in TickNumbers._fields if name[:4] == "fix_" and name != "fix_valid"},
         )
+
+    def _sigma_m(self, place: LocalPosition) -> float:
+        """White error of a position; a fixed one whose receiver states a large error is not taken for fixed."""
+        return place.reported_m if place.reported_m > self._coarse_m else place.sigma_m
 
     def _fix_numbers(self, fix: np.void, now_ns: int, shared_yaw_rad2: float) -> dict[str, float]:
         pose, covariance = fix["pose"], fix["covariance"]
@@ -369,7 +379,6 @@ def pose_row(result: TickResult, now_ns: int, height_m: float, antenna_m: tuple[
 
 
 _OLD_NS = 300_000_000
-_DEGRADED_MPS = 2.0
 _SCANS_NS = 200_000_000
 _TRAVEL_OLD_S = 0.1
 _SCANS = "no scans: radar, its connection or registration"
@@ -386,8 +395,9 @@ _PLACES = {
 
 
 def degrading(result: TickResult) -> float:
-    """The reasons that slow the vehicle down: without those of GNSS while LGPR bounds the error."""
-    return whole(result.reasons) & ~(OF_GNSS if result.bounded == 1.0 else 0)
+    """The reasons that slow the vehicle down: without those of a source while the other one bounds the error."""
+    excused = (OF_GNSS if result.bounded == 1.0 else 0) | (OF_LGPR if result.gnss_bounded == 1.0 else 0)
+    return whole(result.reasons) & ~excused
 
 
 _COUNTER_STEER_NOTHING = Sensed(0.0, math.nan, None, None, None, math.nan, math.nan, False, None, False, math.inf)
@@ -410,11 +420,12 @@ class CounterSteer:
 
     def __init__(self, config: RuntimeConfig, loaded: Loaded) -> None:
         self.speed_control = loaded.vehicle.speed_control
-        self.senses = Senses(loaded.frame, config.sensors)
+        self.senses = Senses(loaded.frame, config.sensors, level=not config.map)
         self.pilot = Pilot(loaded, config.control, config.sensors)
         self._watches = Watches(config, loaded.vehicle)
-        self._panel = Panel(loaded.routes)
-        self._step_mps = config.control.set_speed_step_mps
+        self._panel = Panel(loaded.routes, lgpr=bool(config.map))
+        self._step_mps, self._slow_mps = config.control.set_speed_step_mps, config.control.slow_mps
+        self._has_radar = config.ports.radar is not None
         self._sent = SentCommand(0.0, 0.0, 0.0, 0)
         self._antenna_m = (float(loaded.setup.navigator.model.gnss_x_m), float(loaded.setup.navigator.model.gnss_y_m))
         self._every = None if config.output is None else _TICKS_HZ // config.output.rate_hz
@@ -505,6 +516,7 @@ class CounterSteer:
         here = self.pilot.started and place is not None and attitude is not None
         unrecorded = processes.silent("recorder") and processes.mandatory
         tested = CheckItem(Check.BRAKE, bool(state & BoxState.BRAKE_TESTED), "the braking test has not passed")
+        lgpr = not processes.silent("registration")
         return [
             *box_checks(found, received=wheels is not None),
             CheckItem(
@@ -513,7 +525,7 @@ class CounterSteer:
                 "; ".join(describe(found & sensors)) or "no wheel angle",
             ),
             CheckItem(Check.GNSS_INS, here, "no position or no heading"),
-            CheckItem(Check.LGPR, not processes.silent("registration"), "the registration process is not ready"),
+            *([CheckItem(Check.LGPR, lgpr, "the registration process is not ready")] if self._has_radar else []),
             CheckItem(Check.STORAGE, not unrecorded, "nothing is being recorded"),
             *([tested] if self.speed_control else []),
         ]
@@ -523,12 +535,12 @@ class CounterSteer:
         watched, sensed = self._watched, self._sensed
         if not watched.speed_known:
             sensed = sensed._replace(odometer_mps=math.nan)
-        slow = wish.slowly or watched.severity is Severity.DEGRADE or self._scans_missing
+        slow = wish.slowly or watched.severity is Severity.DEGRADE or self._missed
         ordered = Ordered(
             wish.engaged,
             wish.drives,
             wish.stop,
-            _DEGRADED_MPS if slow else math.inf,
+            self._slow_mps if slow else math.inf,
             wish.set_speed_mps,
             watched.front_rad,
             sensed.wheels_age_s,
@@ -596,7 +608,7 @@ class CounterSteer:
         result, watched = self.pilot.result, self._watched
         cause = watched.severity is Severity.DEGRADE
         words = describe(Watch(sum(bit for bit in watched.bits if SEVERITY[bit] is Severity.DEGRADE))) if cause else []
-        words += [_SCANS] if self._scans_missing else []
+        words += [_SCANS] if self._missed else []
         return [*words, *(reason_words(degrading(result)) if result.reaction == Reaction.DEGRADE else [])]
 
     def notes(self) -> list[dict[str, Any]]:
@@ -622,3 +634,8 @@ class CounterSteer:
     def _scans_missing(self) -> bool:
         """Whether no scan has been searched for a while: the radar, its line, or the registration process."""
         return self._fix_ns is not None and self._now_ns - self._fix_ns > _SCANS_NS
+
+    @property
+    def _missed(self) -> bool:
+        """Whether scans are missing that nothing stands in for."""
+        return self._scans_missing and self.pilot.result.gnss_bounded != 1.0

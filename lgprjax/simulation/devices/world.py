@@ -18,6 +18,7 @@ from lgprjax.simulation.loop.off_road import (
     Laid,
     OffRoad,
     SceneFrame,
+    anchor_of,
     baseline_poses,
     lay_course,
     scene_frame_of,
@@ -66,10 +67,8 @@ class CourseWorld:
             self.laid = self.laid._replace(terrain=Terrain(*flat, direction=self.laid.terrain.direction))
         self.frame: SceneFrame = scene_frame_of(local)
         poses = baseline_poses(self.laid)
-        east, north, yaw = poses[:, 0], poses[:, 1], poses[:, 3]
-        anchor = np.stack([east + spec.array_x_m * np.cos(yaw), north + spec.array_x_m * np.sin(yaw)], axis=1)
-        self._axle_m, self._axle_yaw = self.frame.to_map(poses[:, :2]), yaw - self.frame.turn_rad
-        self.baseline_m: Float[np.ndarray, "point 2"] = self.frame.to_map(anchor)
+        self._axle_m, self._axle_yaw = self.frame.to_map(poses[:, :2]), poses[:, 3] - self.frame.turn_rad
+        self.baseline_m: Float[np.ndarray, "point 2"] = self.frame.to_map(anchor_of(poses, spec.array_x_m))
         tick = max(round(3 / spec.scan_share), 1)
         self.scans_a_tick, self.scan_period_s = tick, spec.scan_share / SCAN_HZ
         self.tick_s = _LEVEL_TICK_S if level else tick * self.scan_period_s

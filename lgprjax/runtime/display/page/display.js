@@ -123,9 +123,21 @@ function showWords(mode, engaged) {
   }
 }
 
+// Without a map nothing is matched: how well GNSS/INS knows the place.
+function showPosition() {
+  const bounded = (state.bounded_by || []).length > 0;
+  tell("correlation-title", "Position");
+  tell("share", "GNSS/INS alone");
+  tell("correlation", isNumber(state.sigma_cross_m) ? `${(100 * state.sigma_cross_m).toFixed(1)} cm` : "–");
+  tell("correlation-more", bounded ? "1σ across the route" : "1σ across, nothing bounds it");
+  at("correlation").className = `figure ${bounded ? "" : "warn"}`;
+}
+
 function showCorrelation() {
   tell("correlation", fixed(state.correlation, 2));
-  tell("correlation-more", typeof state.code === "string" ? CODES[state.code] || state.code : "no scan");
+  const by = texts(state.bounded_by), alone = by.length === 1 && by[0] === "GNSS";
+  const code = typeof state.code === "string" ? CODES[state.code] || state.code : "no scan";
+  tell("correlation-more", alone ? `${code}; driven by GNSS/INS` : code);
   tell("share", isNumber(state.ok_share) ? `${Math.round(100 * state.ok_share)} % good in 10 s` : "");
   at("correlation").className = `figure ${state.code === "ok" ? "" : "warn"}`;
 }
@@ -194,6 +206,7 @@ function showFigures() {
   const limits = !own && isNumber(state.cap_mps) && !(isNumber(state.set_speed_mps) && state.cap_mps >= state.set_speed_mps);
   tell("speed-more", limits && ENGAGED.includes(state.mode) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
   if (state.field) showTool();
+  else if (state.lgpr === false) showPosition();
   else showCorrelation();
   const cross = state.cross_track_m, size = Math.abs(cross);
   const kind = !isNumber(cross) || size <= NOMINAL_M ? "" : size <= MOST_M ? "warn" : "bad";
