@@ -29,6 +29,7 @@ from lgprjax.formats.mcap_import import ImportedRecording, McapTopics, import_mc
 from lgprjax.formats.mcap_recording import UniformArray
 from lgprjax.formats.mcap_tracks import McapAssumed
 from lgprjax.formats.profile import Profile, TraceCoordinates, assumed_in_words, assumed_of
+from lgprjax.formats.radar_calibration import SweepLayout, read_radar_calibration, write_radar_calibration
 from lgprjax.formats.route_files import RouteFile, Waypoints, read_route, route_findings, write_route, write_waypoints
 from lgprjax.formats.run_log import RunReading, RunSummary, complex_rows, read_run
 from lgprjax.formats.schema import Finding, Schema, load_schema

@@ -79,6 +79,7 @@ def drive_of_run(
     *,
     map_file: Path | None = None,
     vehicle_file: Path | None = None,
+    calibration: Path | None = None,
     force: bool = False,
 ) -> RunDrive:
     """Write a run as a drive log.
@@ -88,6 +89,7 @@ def drive_of_run(
         config: of the run.
         output: ``X.drive.h5``.
         map_file, vehicle_file: where they have moved.
+        calibration: of the radar, in place of that of the configuration.
         force: replace an output that exists.
 
     Raises:
@@ -97,6 +99,8 @@ def drive_of_run(
         vehicle_file = config.path(config.vehicle)
     vehicle = None if vehicle_file is None else read_vehicle(vehicle_file)
     sigma_m = config.sensors.gnss_sigma_m
+    if calibration is None and config.radar.calibration is not None:
+        calibration = config.path(config.radar.calibration)
     if config.mode == "record":
         return write_run_drive(
             reading,
@@ -104,6 +108,7 @@ def drive_of_run(
             source=recorded_tracks(reading, config, vehicle),
             vehicle=vehicle,
             position_sigma_m=sigma_m,
+            calibration=calibration,
             force=force,
         )
     from lgprjax.runtime.registration.search import options_of  # only these runs need the search, which takes seconds
@@ -115,6 +120,7 @@ def drive_of_run(
             source=source,
             vehicle=vehicle,
             position_sigma_m=sigma_m,
+            calibration=calibration,
             registration=options_as_provenance(options_of(config)),
             force=force,
         )

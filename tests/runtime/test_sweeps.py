@@ -5,9 +5,8 @@ import pytest
 
 from lgprjax.batch.recording import SweepDrive
 from lgprjax.formats import DriveLog, SweepRecording, complex_rows
-from lgprjax.radar import ChannelResponse, sweep_chain
+from lgprjax.radar import sweep_chain
 from lgprjax.runtime.registration.scans import (
-    LookUpSweeps,
     RadarDescription,
     SweepDescription,
     SweepReader,
@@ -66,9 +65,7 @@ def _frames(log: DriveLog, width: int) -> list[Frame]:
 def _reader(log: DriveLog, **changes: int) -> SweepReader:
     known = _recording(log)
     radar = SweepDescription(_CHANNELS, _STEPS, 1e8, 5e6, 12.0, 1.0 / 126.0)._replace(**changes)
-    lookup = LookUpSweeps(known.lookup_sweeps, known.lookup_calibration_sweep)
-    response = ChannelResponse(known.response.gain, known.response.delay_ns)
-    return SweepReader(radar, lookup, response, _BLOCK, "socket://radar:1")
+    return SweepReader(radar, known, _BLOCK, "socket://radar:1")
 
 
 @pytest.mark.parametrize(("width", "off"), [(8, 1e-6), (4, 2e-3)])

@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.batch import array_of_vehicle, of_channels
 from lgprjax.batch.register import HeldGround
 from lgprjax.errors import InputError
-from lgprjax.formats import MapFile, VehicleFile, read_thresholds
-from lgprjax.radar import ArrayGeometry, ChannelResponse
+from lgprjax.formats import MapFile, SweepRecording, VehicleFile, read_radar_calibration, read_thresholds
+from lgprjax.radar import ArrayGeometry
 from lgprjax.registration import (
     FINISH_SWARM,
     SEARCH_SWARM,
@@ -44,6 +44,7 @@ from lgprjax.runtime.registration.scans import (
     LookUpSweeps,
     RadarDescription,
     ScanReader,
+    SweepDescription,
     SweepReader,
     TraceReader,
 )
@@ -163,7 +164,7 @@ class Search:
         config: of the run.
         vehicle: its file's contents.
         source: the map, open as long as the search; also used for the tiles ahead.
-        radar: its description; lookup: of a stepped-frequency radar.
+        radar: its description; lookup: of a stepped-frequency radar without a calibration file.
 
     Attributes:
         array: geometry.
@@ -171,7 +172,7 @@ class Search:
         ahead: makes tiles ready.
 
     Raises:
-        InputError: radar and map do not fit, or the vehicle file has no place of the array.
+        InputError: radar and map, or radar and calibration, do not fit; the vehicle file has no place of the array.
     """
 
     def __init__(
@@ -199,15 +200,12 @@ class Search:
         self._radar, self._source, self._options = radar, source, options
         self._reader: ScanReader
         if isinstance(radar, RadarDescription):
+            if config.radar.calibration is not None:
+                expected = "a radar of stepped-frequency sweeps, or no calibration"
+                raise InputError(config.file, "radar.calibration", expected, "a radar of finished traces")
             self._reader = TraceReader(radar)
         else:
-            assert lookup is not None
-            place = vehicle.array
-            response = ChannelResponse(
-                of_channels(place.channel_gain, 1.0, radar.channels, path, "array.channel_gain"),
-                of_channels(place.channel_delay_ns, 0.0, radar.channels, path, "array.channel_delay_ns"),
-            )
-            self._reader = SweepReader(radar, lookup, response, TRACK_SCANS, url)
+            self._reader = SweepReader(radar, _calibration(config, vehicle, radar, lookup), TRACK_SCANS, url)
         self._operators: Operators = self._reader.operators(known.settings, len(known.gain), self.array.height_m)
         self._held = HeldGround(source, options, tiles=_HELD_TILES)
         self.drive = self._begin(options)
@@ -375,6 +373,21 @@ class PriorTrack:
     def speed_mps(self) -> float:
         """Of the last prior."""
         return float(self._held[-1]["speed_mps"]) if self._held else 0.0
+
+
+def _calibration(
+    config: RuntimeConfig, vehicle: VehicleFile, radar: SweepDescription, lookup: LookUpSweeps | None
+) -> SweepRecording:
+    """Look-up, gains and delays: of the calibration file, else of the radar's messages and the vehicle file."""
+    place, path, channels = vehicle.array, config.path(config.vehicle), radar.channels
+    gain = of_channels(place.channel_gain, 1.0, channels, path, "array.channel_gain")
+    delay_ns = of_channels(place.channel_delay_ns, 0.0, channels, path, "array.channel_delay_ns")
+    if config.radar.calibration is not None:
+        file = config.path(config.radar.calibration)
+        return read_radar_calibration(file, radar.layout, gain=gain, delay_ns=delay_ns)
+    assert lookup is not None
+    delay = radar.group_delay_ns
+    return SweepRecording(radar.frequencies_hz, lookup.sweeps, lookup.calibration, delay, gain, delay_ns)
 
 
 # The radar's line: orders before scanning, start of scanning, and reports.
