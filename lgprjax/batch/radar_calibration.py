@@ -7,7 +7,7 @@ is the calibration. It is not changed by disturbances of fewer than half of the 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import reduce
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,7 +33,9 @@ _AGREES = 0.98
 """A plate's echo that agrees less with the other channels is not used: its gain would be off by 2 % or more."""
 
 Block = tuple[
-    Complex[np.ndarray, "scan channel frequency"], Complex[np.ndarray, "scan frequency"], Bool[np.ndarray, "scan channel"]
+    Complex[np.ndarray, "scan channel frequency"],
+    Complex[np.ndarray, "scan frequency"],
+    Bool[np.ndarray, "scan channel"],
 ]
 """Sweeps, their calibration sweeps and which channels are valid."""
 
@@ -93,8 +95,7 @@ def _of_drive(path: Path) -> SweepSource:
 
     def blocks(count: int) -> Iterator[Block]:
         with DriveLog.open(path) as log:
-            edges = _edges(scans, count)
-            for low, high in zip(edges[:-1], edges[1:], strict=True):
+            for low, high in pairwise(_edges(scans, count)):
                 yield log.read_sweeps(low, high)
 
     return SweepSource(path, layout, scans, blocks)
@@ -258,7 +259,7 @@ def _db(ratio: np.ndarray | float) -> float:
 
 
 def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
-    """Checks of a recording of a standing array: drift, saturation, noise, dead channels."""
+    """Checks of a recording of a standing array, causes first: saturation, noise, dead channels, drift."""
     live = ~standing.dead
     known = standing.calibration[np.isfinite(standing.calibration).all(axis=1)]
     typical = np.mean(known, axis=0)
@@ -268,27 +269,6 @@ def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
     noise2 = standing.noise[live] ** 2 * len(standing.ratio) / standing.scans
     change2 = np.nanmax(_rms(standing.ratio[:, live] - mean) ** 2, axis=0) - 2.0 * noise2
     return [
-        figure(
-            "calibration_drift",
-            _db(np.abs(against).max() / np.abs(against).min()),
-            "dB",
-            (1.0, 3.0),
-            "largest over smallest magnitude of the calibration channel",
-        ),
-        figure(
-            "calibration_phase",
-            float(np.degrees(np.ptp(np.unwrap(np.angle(against))))),
-            "deg",
-            (15.0, 60.0),
-            "range of the calibration channel's phase",
-        ),
-        figure(
-            "remaining_drift",
-            100.0 * float(np.max(np.sqrt(np.maximum(change2, 0.0)) / level)),
-            "%",
-            (1.0, 5.0),
-            "largest change of a channel after dividing by the calibration channel: the array or its surroundings moved",
-        ),
         figure(
             "saturation",
             100.0 * float(np.mean(standing.saturated)),
@@ -316,6 +296,27 @@ def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
             "channels",
             (1.0, max(2.0, len(standing.dead) / 4.0)),
             f"channels without a signal, which are not used{_of_channels(standing.dead)}",
+        ),
+        figure(
+            "calibration_drift",
+            _db(np.abs(against).max() / np.abs(against).min()),
+            "dB",
+            (1.0, 3.0),
+            "largest over smallest magnitude of the calibration channel",
+        ),
+        figure(
+            "calibration_phase",
+            float(np.degrees(np.ptp(np.unwrap(np.angle(against))))),
+            "deg",
+            (15.0, 60.0),
+            "range of the calibration channel's phase",
+        ),
+        figure(
+            "remaining_drift",
+            100.0 * float(np.max(np.sqrt(np.maximum(change2, 0.0)) / level)),
+            "%",
+            (1.0, 5.0),
+            "largest change of a channel after division by the calibration channel: array or surroundings moved",
         ),
     ]
 
@@ -383,7 +384,9 @@ def response_of(standing: StandingSweeps, lookup: SweepRecording, place: Path) -
         delay_ns = np.asarray(response.delay_ns)
         aligned = echo * np.exp(2e-9j * np.pi * np.outer(delay_ns, frequencies_hz))
         typical = aligned[~out].mean(axis=0)
-        agreement = np.real(aligned @ np.conj(typical)) / np.maximum(_rms(aligned) * _rms(typical) * len(typical), 1e-30)
+        agreement = np.real(aligned @ np.conj(typical)) / np.maximum(
+            _rms(aligned) * _rms(typical) * len(typical), 1e-30
+        )
         disagrees = disagrees | ~missing & (agreement < _AGREES)
     checks = [
         *(each for each in check_sweeps(standing) if each.name != "dead_channels"),

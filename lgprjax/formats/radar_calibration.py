@@ -13,7 +13,15 @@ from jaxtyping import Float
 from lgprjax.errors import InputError
 from lgprjax.formats.drive import SweepRecording
 from lgprjax.formats.schema import load_schema
-from lgprjax.formats.store import attribute_of, create_store, open_store, reading, validate_store, write_array, write_attribute
+from lgprjax.formats.store import (
+    attribute_of,
+    create_store,
+    open_store,
+    reading,
+    validate_store,
+    write_array,
+    write_attribute,
+)
 
 _SCHEMA = load_schema("radar")
 _SAME_HZ, _SAME_NS = 500.0, 2e-3

@@ -82,7 +82,9 @@ class StandingArray:
         rng, place = self._drawn(6), np.linspace(0.0, 2.0 * np.pi, self.steps)
         phase = rng.uniform(0.0, 6.28, (2, self.channels, 1))
         waves = [np.cos(turns * place + part) for turns, part in zip((3.0, 4.0), phase, strict=True)]
-        return np.asarray(self.gain[:, None] * self.late(self.delay_ns) * np.exp(self.shape * (waves[0] + 1j * waves[1])))
+        return np.asarray(
+            self.gain[:, None] * self.late(self.delay_ns) * np.exp(self.shape * (waves[0] + 1j * waves[1]))
+        )
 
     def plate(self, distance_m: float, level: float = 1.5) -> np.ndarray:
         """Echo of a metal plate under the array."""

@@ -44,7 +44,6 @@ from lgprjax.runtime.registration.scans import (
     LookUpSweeps,
     RadarDescription,
     ScanReader,
-    SweepDescription,
     SweepReader,
     TraceReader,
 )
@@ -198,14 +197,7 @@ class Search:
             vehicle, path, channels=known.channels, pitch_m=known.channel_pitch_m, scan_period_s=radar.scan_period_s
         )
         self._radar, self._source, self._options = radar, source, options
-        self._reader: ScanReader
-        if isinstance(radar, RadarDescription):
-            if config.radar.calibration is not None:
-                expected = "a radar of stepped-frequency sweeps, or no calibration"
-                raise InputError(config.file, "radar.calibration", expected, "a radar of finished traces")
-            self._reader = TraceReader(radar)
-        else:
-            self._reader = SweepReader(radar, _calibration(config, vehicle, radar, lookup), TRACK_SCANS, url)
+        self._reader = reader_of(config, vehicle, radar, lookup)
         self._operators: Operators = self._reader.operators(known.settings, len(known.gain), self.array.height_m)
         self._held = HeldGround(source, options, tiles=_HELD_TILES)
         self.drive = self._begin(options)
@@ -375,19 +367,32 @@ class PriorTrack:
         return float(self._held[-1]["speed_mps"]) if self._held else 0.0
 
 
-def _calibration(
-    config: RuntimeConfig, vehicle: VehicleFile, radar: SweepDescription, lookup: LookUpSweeps | None
-) -> SweepRecording:
-    """Look-up, gains and delays: of the calibration file, else of the radar's messages and the vehicle file."""
+def reader_of(
+    config: RuntimeConfig, vehicle: VehicleFile, radar: AnyDescription, lookup: LookUpSweeps | None
+) -> ScanReader:
+    """Reader of a radar's scans. Look-up, gains and delays of sweeps are those of the calibration file, else of the
+    radar's messages and of the vehicle file.
+
+    Raises:
+        InputError: the calibration is of other sweeps, or the radar sends finished traces.
+    """
+    file = config.radar.calibration
+    if isinstance(radar, RadarDescription):
+        if file is not None:
+            expected = "a radar of stepped-frequency sweeps, or no calibration"
+            raise InputError(config.file, "radar.calibration", expected, "a radar of finished traces")
+        return TraceReader(radar)
     place, path, channels = vehicle.array, config.path(config.vehicle), radar.channels
     gain = of_channels(place.channel_gain, 1.0, channels, path, "array.channel_gain")
     delay_ns = of_channels(place.channel_delay_ns, 0.0, channels, path, "array.channel_delay_ns")
-    if config.radar.calibration is not None:
-        file = config.path(config.radar.calibration)
-        return read_radar_calibration(file, radar.layout, gain=gain, delay_ns=delay_ns)
-    assert lookup is not None
-    delay = radar.group_delay_ns
-    return SweepRecording(radar.frequencies_hz, lookup.sweeps, lookup.calibration, delay, gain, delay_ns)
+    if file is not None:
+        known = read_radar_calibration(config.path(file), radar.layout, gain=gain, delay_ns=delay_ns)
+    else:
+        assert lookup is not None
+        frequencies_hz, late_ns = radar.frequencies_hz, radar.group_delay_ns
+        known = SweepRecording(frequencies_hz, lookup.sweeps, lookup.calibration, late_ns, gain, delay_ns)
+    assert config.ports.radar is not None
+    return SweepReader(radar, known, TRACK_SCANS, config.ports.radar.url)
 
 
 # The radar's line: orders before scanning, start of scanning, and reports.
