@@ -260,7 +260,7 @@ def _db(ratio: np.ndarray | float) -> float:
 
 def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
     """Checks of a recording of a standing array, causes first: saturation, noise, dead channels, drift."""
-    live = ~standing.dead
+    live = np.logical_not(standing.dead)
     known = standing.calibration[np.isfinite(standing.calibration).all(axis=1)]
     typical = np.mean(known, axis=0)
     against = known @ np.conj(typical) / np.sum(np.abs(typical) ** 2)
@@ -294,7 +294,7 @@ def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
             "dead_channels",
             float(standing.dead.sum()),
             "channels",
-            (1.0, max(2.0, len(standing.dead) / 4.0)),
+            _some_of(len(standing.dead)),
             f"channels without a signal, which are not used{_of_channels(standing.dead)}",
         ),
         figure(
@@ -319,6 +319,11 @@ def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
             "largest change of a channel after division by the calibration channel: array or surroundings moved",
         ),
     ]
+
+
+def _some_of(channels: int) -> tuple[float, float]:
+    """Limits of a number of channels: one, and a quarter of the array but at least two."""
+    return 1.0, max(2.0, float(np.ceil(channels / 4.0)))
 
 
 def _of_channels(chosen: Bool[np.ndarray, " channel"]) -> str:
@@ -394,7 +399,7 @@ def response_of(standing: StandingSweeps, lookup: SweepRecording, place: Path) -
             "dead_channels",
             float(missing.sum()),
             "channels",
-            (1.0, max(2.0, len(missing) / 4.0)),
+            _some_of(len(missing)),
             f"channels without a signal here or in the look-up, which are not used{_of_channels(missing)}",
         ),
         figure(
@@ -408,7 +413,7 @@ def response_of(standing: StandingSweeps, lookup: SweepRecording, place: Path) -
             "disagreeing_channels",
             float(disagrees.sum()),
             "channels",
-            (1.0, max(2.0, len(missing) / 4.0)),
+            _some_of(len(missing)),
             f"channels whose echo correlates with the array's by less than {_AGREES}, which are not used"
             + _of_channels(disagrees),
         ),

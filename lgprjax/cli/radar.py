@@ -122,12 +122,14 @@ def _finish(found: "Calibrated", inputs: tuple[Path, ...], output: Path, shown: 
     from lgprjax.formats import write_radar_calibration
     from lgprjax.report.radar_calibration import RadarCalibrationPicture, draw_radar_calibration
 
-    table = Table("check", "found", "warning / rejected at", "verdict")
+    table = Table("check", "found", "expected", "rejected at", "verdict")
     styles = {"good": "green", "look": "yellow", "bad": "bold red"}
     words = {"good": "good", "look": "warning", "bad": "rejected"}
     for each in found.checks:
-        value, limits = f"{each.value:.3g} {each.unit}".strip(), f"{each.look:g} / {each.bad:g}"
-        table.add_row(each.name, value, limits, Text(words[each.verdict], styles[each.verdict]))
+        side = "below" if each.bad > each.look else "above"
+        limits = (f"{side} {each.look:g} {each.unit}", f"{each.bad:g} {each.unit}")
+        judged = Text(words[each.verdict], styles[each.verdict])
+        table.add_row(each.name, f"{each.value:.3g} {each.unit}", *limits, judged)
     console.print(table)
     refuse_bad(inputs[0], found.checks)
     for each in found.checks:
@@ -148,6 +150,7 @@ def _finish(found: "Calibrated", inputs: tuple[Path, ...], output: Path, shown: 
     picture = RadarCalibrationPicture(
         name=output.name.removesuffix(".radar.h5"),
         frequencies_hz=known.frequencies_hz,
+        group_delay_ns=known.group_delay_ns,
         empty=known.lookup_sweeps[valid] / known.lookup_calibration_sweep,
         noise=found.standing.noise[valid],
         calibration=found.standing.calibration,

@@ -348,9 +348,9 @@ def recording_of_form(
     gain, delay_ns = (numbers if len(numbers) else None for numbers in measured)
     if calibration is not None:
         return read_radar_calibration(calibration, layout, gain=gain, delay_ns=delay_ns)
-    lookup, calibration = (_numbers(path, values, n) for n in ("lookup_sweeps", "lookup_calibration_sweep"))
+    lookup, lookup_calibration = (_numbers(path, values, n) for n in ("lookup_sweeps", "lookup_calibration_sweep"))
     due = {
-        "lookup_calibration_sweep": (calibration, 2 * form.samples),
+        "lookup_calibration_sweep": (lookup_calibration, 2 * form.samples),
         "lookup_sweeps": (lookup, 2 * form.samples * form.channels),
     }
     for name, (numbers, size) in due.items():
@@ -359,7 +359,7 @@ def recording_of_form(
     return SweepRecording(
         layout.frequencies_hz,
         lookup.astype(np.float32).view(np.complex64).reshape(form.channels, form.samples),
-        calibration.astype(np.float32).view(np.complex64),
+        lookup_calibration.astype(np.float32).view(np.complex64),
         layout.group_delay_ns,
         gain,
         delay_ns,

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from lgprjax.report.style import BLUE, FAINT, MUTED, VERMILLION, picture, write_caption
 
 _PERIODS = 30.0
-"""Two-way travel time drawn, in periods of the centre frequency."""
+"""Travel time in which the plate is searched, in periods of the centre frequency."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,7 @@ class RadarCalibrationPicture:
     Attributes:
         name: of the calibration.
         frequencies_hz: of the sweeps.
+        group_delay_ns: delay of the calibration channel's path.
         empty: look-up over its calibration sweep.
         noise: RMS noise of a single scan's ratio.
         calibration: sweeps of the calibration channel, group by group.
@@ -29,6 +30,7 @@ class RadarCalibrationPicture:
 
     name: str
     frequencies_hz: Float[np.ndarray, " frequency"]
+    group_delay_ns: float
     empty: Complex[np.ndarray, "channel frequency"]
     noise: Float[np.ndarray, " channel"]
     calibration: Complex[np.ndarray, "group frequency"]
@@ -48,7 +50,7 @@ def draw_radar_calibration(shown: RadarCalibrationPicture, path: str | Path, *, 
         grid = figure.subplots(2 if measured else 1, 2, squeeze=False)
         _draw_empty(grid[0, 0], shown)
         _draw_drift(grid[0, 1], shown)
-        caption = "Left: look-up of each channel over its calibration sweep, and noise of a single scan."
+        caption = "Top left: look-up of each channel over its calibration sweep, and noise of a single scan."
         if shown.echo is not None and shown.gain is not None and shown.delay_ns is not None:
             _draw_echo(grid[1, 0], shown, shown.echo, shown.gain, shown.delay_ns)
             _draw_response(grid[1, 1], shown.gain, shown.delay_ns)
@@ -89,18 +91,16 @@ def _draw_echo(
     used = np.isfinite(gain)
     turns = 1e-9 * np.outer(delay_ns[used], shown.frequencies_hz)
     alike = echo[used] * np.exp(2j * np.pi * turns) / gain[used, None]
-    reach_ns = _PERIODS * 1e9 / float(np.mean(shown.frequencies_hz))
-    # Time zero is the end of the calibration channel's path.
-    time_ns = np.linspace(-0.5 * reach_ns, 0.5 * reach_ns, 801)
+    period_ns = 1e9 / float(np.mean(shown.frequencies_hz))
+    time_ns = np.linspace(-3.0 * period_ns, _PERIODS * period_ns, 801)
     taper = np.hanning(len(shown.frequencies_hz) + 2)[1:-1]
-    waves = np.exp(2e-9j * np.pi * np.outer(shown.frequencies_hz, time_ns)) * taper[:, None]
+    waves = np.exp(2e-9j * np.pi * np.outer(shown.frequencies_hz, time_ns - shown.group_delay_ns)) * taper[:, None]
     for values, colour, label in ((echo[used], FAINT, "as recorded"), (alike, BLUE, "corrected")):
         lines = axes.plot(time_ns, np.real(values @ waves).T / taper.sum(), color=colour, linewidth=0.8)
         lines[0].set_label(label)
     peak_ns = time_ns[np.argmax(np.abs(alike.mean(axis=0) @ waves))]
-    period_ns = 1e9 / float(np.mean(shown.frequencies_hz))
     axes.set_xlim(peak_ns - 3.0 * period_ns, peak_ns + 3.0 * period_ns)
-    axes.set(xlabel="two-way travel time after the calibration path (ns)", ylabel="echo", title="Metal plate")
+    axes.set(xlabel="two-way travel time (ns)", ylabel="echo", title="Metal plate")
     axes.legend(loc="best")
 
 

@@ -9,6 +9,7 @@ import pytest
 from lgprjax.batch.recording import SweepDrive
 from lgprjax.formats import DriveLog, SweepRecording, complex_rows, read_vehicle, write_radar_calibration
 from lgprjax.radar import sweep_chain
+from lgprjax.registration import TRACK_SCANS
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.registration.scans import (
     RadarDescription,
@@ -17,7 +18,7 @@ from lgprjax.runtime.registration.scans import (
     SweepReader,
     TraceReader,
 )
-from lgprjax.runtime.registration.search import TRACK_SCANS, reader_of
+from lgprjax.runtime.registration.search import reader_of
 from lgprjax.wire import Frame, Sender, Value, decode
 from refusals import refused
 from runtime.swept_log import write_swept_log
