@@ -294,6 +294,8 @@ class ImportMcap:
     """sigma of positions without covariance"""
     heading_sigma_deg: float | None = None
     """sigma of headings without covariance"""
+    calibration: Annotated[Path | None, arg(metavar="X.radar.h5")] = None
+    """calibration of a stepped-frequency radar, from lgprjax radar; replaces the look-up in RadarArray"""
     force: Force = False
 
     def run(self) -> None:
@@ -314,6 +316,7 @@ class ImportMcap:
                 ),
                 array=None if given == (None, None, None) else array,
                 assumed=McapAssumed(self.gnss_m, self.gnss_sigma_m, self.heading_sigma_deg),
+                calibration=self.calibration,
                 output=self.output,
                 force=self.force,
             )

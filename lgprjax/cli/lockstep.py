@@ -161,7 +161,7 @@ class LockStep:
         self._pending: list[tuple[int, Record]] = []
         self._tick = 0
         self._radar: RadarLine | None = None
-        self._said = RadarSelf()
+        self._said = RadarSelf(calibrated=config.radar.calibration is not None)
         self._stamps, self._queue = StampClock(), cast("ScanQueue | None", None)
 
     def run(

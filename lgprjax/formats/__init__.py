@@ -29,6 +29,7 @@ from lgprjax.formats.mcap_import import ImportedRecording, McapTopics, import_mc
 from lgprjax.formats.mcap_recording import UniformArray
 from lgprjax.formats.mcap_tracks import McapAssumed
 from lgprjax.formats.profile import Profile, TraceCoordinates, assumed_in_words, assumed_of
+from lgprjax.formats.radar_calibration import SweepLayout, read_radar_calibration, write_radar_calibration
 from lgprjax.formats.route_files import RouteFile, read_route, route_findings, write_route
 from lgprjax.formats.run_log import RunReading, RunSummary, complex_rows, read_run
 from lgprjax.formats.schema import Finding, Schema, load_schema
@@ -107,6 +108,7 @@ __all__ = [
     "Study",
     "Survey",
     "SurveyOrigin",
+    "SweepLayout",
     "SweepRecording",
     "TraceCoordinates",
     "TracePlaces",
@@ -157,6 +159,7 @@ __all__ = [
     "read_iprb_array",
     "read_mala",
     "read_profile",
+    "read_radar_calibration",
     "read_route",
     "read_run",
     "read_segy",
@@ -178,6 +181,7 @@ __all__ = [
     "write_geojson",
     "write_geopackage",
     "write_kml",
+    "write_radar_calibration",
     "write_route",
     "write_shapefiles",
     "write_thresholds",

@@ -131,4 +131,5 @@ _CHECKS: dict[str, Callable[[Path], Iterator[Finding]]] = {
     ".vehicle.toml": vehicle_findings,
     ".cover.geojson": cover_plan_findings,
     ".worked.h5": _check_store(load_schema("worked")),
+    ".radar.h5": _check_store(load_schema("radar")),
 }

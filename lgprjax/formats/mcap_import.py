@@ -229,6 +229,7 @@ def import_mcap(
     topics: McapTopics | None = None,
     array: UniformArray | None = None,
     assumed: McapAssumed | None = None,
+    calibration: str | Path | None = None,
     output: str | Path,
     force: bool = False,
 ) -> ImportedRecording:
@@ -244,6 +245,7 @@ def import_mcap(
         topics: to read, if several have the type.
         array: instead of the recording's ``RadarArray``.
         assumed: the antenna's place, and sigmas that the messages do not state.
+        calibration: ``X.radar.h5`` of a stepped-frequency radar, in place of the look-up of the ``RadarArray``.
         output: the drive log.
         force: replace an output that exists.
 
@@ -281,14 +283,17 @@ def import_mcap(
         name=texts.get("name") or Path(output).name.split(".")[0],
         t0_utc=utc_text(t0_ns),
         array=geometry_of(recording.path, form, described, array),
-        recording=recording_of_form(recording.path, form, described),
+        recording=recording_of_form(recording.path, form, described, calibration),
         navigation=navigation,
         odometry=odometry,
         truth=None,
         vehicle=None,
         provenance={
             "made_by": f"lgprjax import {'rosbag' if is_bag(recording.path) else 'mcap'}",
-            "inputs": [{"file": recording.path.name, "sha256": _digest(recording.path)}],
+            "inputs": [
+                {"file": each.name, "sha256": _digest(each)}
+                for each in (recording.path, *([] if calibration is None else [Path(calibration)]))
+            ],
             "topics": {each.topic: each.kind for each in used},
             "clocks": {each.topic: "header stamps" if each.header_clock else "times of recording" for each in used},
             "told": assumed._asdict(),

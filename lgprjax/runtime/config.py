@@ -55,6 +55,7 @@ class RadarTable(ConfigTable):
         scan_period_us: from scan to scan; 0: as planned.
         calibrate, look_up: request it before the start, with the array over the ground and pointed at empty space,
             respectively.
+        calibration: X.radar.h5, in place of the look-up that the radar records itself.
         channel_pitch_m, centre_frequency_mhz: of the array; in mode record, where no map states them.
     """
 
@@ -62,8 +63,15 @@ class RadarTable(ConfigTable):
     scan_period_us: int = Field(default=0, ge=0, le=1_000_000)
     calibrate: bool = False
     look_up: bool = False
+    calibration: str | None = None
     channel_pitch_m: float | None = Field(default=None, gt=0.0, le=5.0)
     centre_frequency_mhz: float | None = Field(default=None, ge=1.0, le=10_000.0)
+
+    @model_validator(mode="after")
+    def _one_lookup(self) -> "RadarTable":
+        if self.look_up and self.calibration is not None:
+            raise BrokenRuleError("look_up", "false: calibration has the look-up", "true")
+        return self
 
 
 class RegistrationTable(ConfigTable):
@@ -383,7 +391,10 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
         if table.get(name):
             table[name] = str(config.path(table[name]))
     table["routes"] = [str(config.path(name)) for name in table["routes"]]
-    paths = (("coverage", "plan"), ("coverage", "resume"), ("simulation", "field"), ("registration", "thresholds"))
+    paths = (
+        *(("coverage", "plan"), ("coverage", "resume"), ("simulation", "field")),
+        *(("registration", "thresholds"), ("radar", "calibration")),
+    )
     for name, key in paths:
         if table.get(name, {}).get(key):
             table[name][key] = str(config.path(table[name][key]))

@@ -81,6 +81,7 @@ def drive_of_run(
     *,
     map_file: Path | None = None,
     vehicle_file: Path | None = None,
+    calibration: Path | None = None,
     force: bool = False,
 ) -> RunDrive:
     """Write a run as a drive log.
@@ -90,6 +91,7 @@ def drive_of_run(
         config: of the run.
         output: ``X.drive.h5``.
         map_file, vehicle_file: where they have moved.
+        calibration: of the radar, in place of that of the configuration.
         force: replace an output that exists.
 
     Raises:
@@ -99,6 +101,8 @@ def drive_of_run(
         vehicle_file = config.path(config.vehicle)
     vehicle = None if vehicle_file is None else read_vehicle(vehicle_file)
     sigma_m = config.sensors.gnss_sigma_m
+    if calibration is None and config.radar.calibration is not None:
+        calibration = config.path(config.radar.calibration)
     if not config.map:
         calibrates = config.mode == "calibrate" and vehicle is not None
         return write_run_drive(
@@ -107,6 +111,7 @@ def drive_of_run(
             source=(measured_tracks if calibrates else recorded_tracks)(reading, config, vehicle),
             vehicle=vehicle,
             position_sigma_m=sigma_m,
+            calibration=calibration,
             force=force,
         )
     from lgprjax.runtime.registration.search import options_of  # only these runs need the search, which takes seconds
@@ -118,6 +123,7 @@ def drive_of_run(
             source=source,
             vehicle=vehicle,
             position_sigma_m=sigma_m,
+            calibration=calibration,
             registration=options_as_provenance(options_of(config)),
             force=force,
         )

@@ -30,10 +30,22 @@ def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
         yield _tried("vehicle file", lambda: check_recordable(config))
     else:
         yield from _files(config) if config.coverage is None else _field_files(config)
+    if config.radar.calibration is not None:
+        yield _tried("radar calibration", lambda: _calibration(config))
     yield _storage(config)
     yield _display(config)
     yield _cores(config)
     yield from _lines(config)
+
+
+def _calibration(config: RuntimeConfig) -> str:
+    from lgprjax.formats import read_radar_calibration
+
+    assert config.radar.calibration is not None
+    known = read_radar_calibration(config.path(config.radar.calibration))
+    assert known.channel_valid is not None
+    channels = f"{known.channel_valid.sum()} of {len(known.channel_valid)} channels"
+    return f"{channels}, {'look-up only' if known.channel_gain is None else 'gain and delay measured'}"
 
 
 def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:

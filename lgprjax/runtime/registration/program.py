@@ -170,7 +170,7 @@ class RegistrationProcess:
         self._wished_s = 0.0
         self._ended = False
         self._scans = 0
-        self._said = RadarSelf()
+        self._said = RadarSelf(calibrated=config.radar.calibration is not None)
         signal.signal(signal.SIGTERM, self._end)
 
     def run(self) -> None:
