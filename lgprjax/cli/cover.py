@@ -110,7 +110,7 @@ class CoverExport:
 
 @dataclass(frozen=True)
 class CoverPlanVerb:
-    """Plan parallel swaths over a field, in driving order, with turns that the vehicle can drive.
+    """Plan parallel swaths over a field, in driving order, with drivable turns.
 
     FIELD is a polygon in WGS-84 (GeoJSON with holes and polygons of kind keep_out, KML, KMZ, shapefile, CSV), a CSV of
     three corners (latitude_deg,longitude_deg, in driving order), or the folder of a run with marked corners.
