@@ -110,19 +110,20 @@ class CoverExport:
 
 @dataclass(frozen=True)
 class CoverPlanVerb:
-    """Plan parallel swaths over a field, in driving order, with turns that the vehicle can drive.
+    """Plan parallel swaths over a field, in driving order, with drivable turns.
 
-    FIELD is a polygon in WGS-84 (GeoJSON with holes and polygons of kind keep_out, KML, shapefile, or CSV of corners),
-    a CSV of three corners (latitude_deg,longitude_deg, in driving order), or the folder of a run with three marked
-    corners. With --gaps the command plans only the gaps of a record.
+    FIELD is a polygon in WGS-84 (GeoJSON with holes and polygons of kind keep_out, KML, KMZ, shapefile, CSV), a CSV of
+    three corners (latitude_deg,longitude_deg, in driving order), or the folder of a run with marked corners.
     """
 
     field: Annotated[
-        Positional[Path], arg(metavar="FIELD", help="X.geojson, X.kml, X.shp, X.csv, or the folder of a run")
+        Positional[Path], arg(metavar="FIELD", help="X.geojson, X.kml, X.kmz, X.shp, X.csv, or a run's folder")
     ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.cover.geojson", help="plan to write")]
     vehicle: Path
     """vehicle file of a skid-steer vehicle, with tool and smallest turning radius"""
+    polygon: Annotated[str | None, arg(metavar="NAME")] = None
+    """name or number of the field's polygon, of several"""
     overlap: float = 0.2
     """minimum overlap of neighbouring swaths, in tool widths"""
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "best"
@@ -176,6 +177,7 @@ class CoverPlanVerb:
             self.confidence,
             self.drop_out_s,
             self.least_width_m,
+            self.polygon,
         )
         check_plan_options(options, self.level)
         check_outputs(self.output, self.json, self.picture, force=self.force)

@@ -405,7 +405,9 @@ class _FoundInTraces:
         line_spacing_m: float | None = None,
         lines_at_m: tuple[float, ...] | None = None,
         first_line_m: float = 0.0,
+        channel: int | None = None,
         sample_interval_ns: float | None = None,
+        sample_format: Literal["ibm", "ieee"] | None = None,
     ) -> None:
         from lgprjax.formats import import_lines
 
@@ -420,7 +422,9 @@ class _FoundInTraces:
                 time_zero=self.time_zero if self.time_zero_ns is None else self.time_zero_ns,
                 polarity=polarity,
                 reversed_lines=self.reversed_lines,
+                channel=channel,
                 sample_interval_ns=sample_interval_ns,
+                sample_format=sample_format,
                 utm_zone=self.utm_zone,
                 partial=self.partial,
                 latitude_deg=self.origin.latitude_deg,
@@ -442,12 +446,15 @@ class ImportLine(_FoundInTraces):
 
     def run(self) -> None:
         """Import."""
+        self._import_one()
+
+    def _import_one(self, channel: int | None = None) -> None:
         if self.file.is_dir():
             raise InputError(self.file, "file", "a recording", "a folder")
         if self.file.suffix.lower() not in self.suffixes:
             expected = f"a name that ends in {' or '.join(self.suffixes)} (lgprjax import FILE recognises the format)"
             raise InputError(self.file, "file name", expected, repr(self.file.name))
-        self._import((self.file,))
+        self._import((self.file,), channel=channel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -462,6 +469,12 @@ class ImportDzt(ImportLine):
     """Import a GSSI file, .DZT."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".dzt",)
+    channel: int | None = None
+    """channel to import of two antennas in one place, counted from 0"""
+
+    def run(self) -> None:
+        """Import."""
+        self._import_one(self.channel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -486,6 +499,8 @@ class ImportIprb:
     output: Output
     length_m: float | None = None
     """length of the line, if measured by tape; default: from the measuring wheel"""
+    partial: bool = False
+    """import the complete traces of truncated files"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -495,15 +510,22 @@ class ImportIprb:
         from lgprjax.formats import import_iprb
 
         with working(f"importing {len(self.files)} file(s)"):
-            import_iprb(
-                self.files, place=self.origin.place(), length_m=self.length_m, output=self.output, force=self.force
+            cut = import_iprb(
+                self.files,
+                place=self.origin.place(),
+                length_m=self.length_m,
+                partial=self.partial,
+                output=self.output,
+                force=self.force,
             )
+        if cut is not None:
+            say(f"note: read {cut}")
         finished(self.output)
 
 
 @dataclass(frozen=True)
 class ImportSegy:
-    """Import a SEG-Y file, .sgy or .segy (needs: pip install lgprjax[segy]).
+    """Import a SEG-Y file, .sgy or .segy.
 
     Coordinates in the trace headers, in degrees, or in metres with --utm-zone, give the position of every trace.
     Without them the line is straight, from the local origin along the heading.
@@ -519,6 +541,10 @@ class ImportSegy:
     """UTM zone of coordinates in metres, such as 19N"""
     length_m: float | None = None
     """length of the line, if measured by tape; replaces the coordinates of the headers"""
+    sample_format: Literal["ibm", "ieee"] | None = None
+    """coding of float samples; default: that of the header, unless the samples contradict it"""
+    partial: bool = False
+    """import the complete traces of a truncated file"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -531,9 +557,11 @@ class ImportSegy:
                 self.file,
                 sample_interval_ns=self.sample_interval_ns,
                 time_zero_ns=self.time_zero_ns,
+                sample_format=self.sample_format,
                 utm_zone=self.utm_zone,
                 place=self.origin.place(),
                 length_m=self.length_m,
+                partial=self.partial,
                 output=self.output,
                 force=self.force,
             )
@@ -563,8 +591,12 @@ class ImportLines(_FoundInTraces):
     """with --line-spacing-m: position of the first line, to the right of the local origin"""
     polarity: Literal["auto", "keep"] = "auto"
     """auto: invert lines with a sign opposite to the majority; keep: as recorded"""
+    channel: int | None = None
+    """channel to import of DZT files with several, counted from 0"""
     sample_interval_ns: float | None = None
     """two-way travel time between samples of SEG-Y lines, if the headers do not contain it"""
+    sample_format: Literal["ibm", "ieee"] | None = None
+    """coding of float samples of SEG-Y lines; default: that of the header, unless the samples contradict it"""
 
     def run(self) -> None:
         """Import."""
@@ -575,5 +607,7 @@ class ImportLines(_FoundInTraces):
             line_spacing_m=self.line_spacing_m,
             lines_at_m=self.lines_at_m,
             first_line_m=self.first_line_m,
+            channel=self.channel,
             sample_interval_ns=self.sample_interval_ns,
+            sample_format=self.sample_format,
         )

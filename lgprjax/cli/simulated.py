@@ -245,7 +245,7 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
     Raises:
         InputError: vehicle, plan or field cannot be used.
     """
-    from lgprjax.formats.coverage_files import read_field
+    from lgprjax.formats.field_files import read_field
     from lgprjax.frames import LocalFrame
     from lgprjax.runtime.control.skid.setup import load_skid
 

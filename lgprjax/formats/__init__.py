@@ -1,14 +1,7 @@
 """File formats: drive log, subsurface database, fixes, vehicle file; readers of vendor formats."""
 
 from lgprjax.formats.check import check_file
-from lgprjax.formats.coverage_files import (
-    CoverPlan,
-    FieldPlaces,
-    cover_plan_findings,
-    read_cover_plan,
-    read_field,
-    write_cover_plan,
-)
+from lgprjax.formats.coverage_files import CoverPlan, cover_plan_findings, read_cover_plan, write_cover_plan
 from lgprjax.formats.drive import (
     DriveDescription,
     DriveLog,
@@ -19,6 +12,7 @@ from lgprjax.formats.drive import (
     SweepRecording,
     TraceRecording,
 )
+from lgprjax.formats.field_files import FieldPlaces, read_field
 from lgprjax.formats.fixes import drive_hash_of, read_fix_poses, read_fixes, refuse_other_drive, write_fixes
 from lgprjax.formats.line_findings import found_time_zero
 from lgprjax.formats.map_file import MapFile, MapHistory

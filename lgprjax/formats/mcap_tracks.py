@@ -13,7 +13,16 @@ from lgprjax.errors import InputError
 from lgprjax.formats.drive import NavigationTrack, OdometryTrack
 from lgprjax.formats.plausible import known_sigma, of_one_recording, plausible_positions, reach_in_time_m
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.ros import IMU, NAV_SAT_FIX, ODOMETRY, POSE, is_kind, yaw_and_roll
+from lgprjax.formats.ros import (
+    IMU,
+    NAV_SAT_FIX,
+    ODOMETRY,
+    POSE,
+    UNKNOWN_M2,
+    UNKNOWN_RAD2,
+    is_kind,
+    yaw_and_roll,
+)
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
 from lgprjax.formats.travel import SmoothedTravel, smoothed_travel
 from lgprjax.frames import LocalFrame, wrap_angle
@@ -142,7 +151,7 @@ def _position(values: Mapping[str, Any]) -> tuple[float, ...] | None:
         return None
     covariance = values["position_covariance"]
     known = values["position_covariance_type"] > 0  # zero for a sigma is judged with the others
-    variances = (float(covariance[i]) if known else math.nan for i in (0, 4, 8))
+    variances = (_known(covariance[i], UNKNOWN_M2) if known else math.nan for i in (0, 4, 8))
     return (latitude, longitude, height, *variances)
 
 
@@ -153,7 +162,12 @@ def _angles(values: Mapping[str, Any], path: str) -> tuple[float, float]:
 def _variances(covariance: np.ndarray, yaw: int, roll: int) -> tuple[float, float]:
     if not np.any(covariance):
         return math.nan, math.nan  # by the messages' definitions, all zero means unknown
-    return float(covariance[yaw]), float(covariance[roll])
+    return _known(covariance[yaw], UNKNOWN_RAD2), _known(covariance[roll], UNKNOWN_RAD2)
+
+
+def _known(variance: float, unknown: float) -> float:
+    """A variance, NaN where it only says that nothing is known."""
+    return float(variance) if variance < unknown else math.nan
 
 
 # Headings are not interpolated over longer gaps than this, nor over more than three usual steps of a slow source.

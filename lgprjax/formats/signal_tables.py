@@ -264,7 +264,7 @@ def _read_csv(path: Path) -> _Table:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             first = stream.readline()
-            separator = next((each for each in (";", "\t") if each in first), ",")
+            separator = separator_of(first)
             stream.seek(0)
             rows = list(csv.reader(stream, delimiter=separator))
     except UnicodeDecodeError as error:
@@ -276,7 +276,7 @@ def _read_csv(path: Path) -> _Table:
     if len(rows) < 2:
         raise InputError(path, "rows", "a header and numbers", "a header only" if rows else "none")
     header = [name.strip() for name in rows[0]]
-    if all(_number(name, separator) is not None for name in header):
+    if all(number_of(name, separator) is not None for name in header):
         raise InputError(path, "row 1", "the names of the columns", "numbers")
     columns = np.full((len(header), len(rows) - 1), np.nan)
     words: dict[str, tuple[int, int, str]] = {}
@@ -289,7 +289,7 @@ def _read_csv(path: Path) -> _Table:
         for column, (name, text) in enumerate(zip(header, row, strict=False)):
             if text.strip().lower() in _EMPTY:
                 continue
-            value = _number(text, separator)
+            value = number_of(text, separator)
             if value is None:
                 # It is told or refused where its column is asked for.
                 count, at, word = words.get(name, (0, number + 2, text.strip()))
@@ -300,7 +300,12 @@ def _read_csv(path: Path) -> _Table:
     return _Table(dict(zip(header, columns, strict=True)), 2, words, repeated)
 
 
-def _number(text: str, separator: str) -> float | None:
+def separator_of(header: str) -> str:
+    """What separates the columns of a table, from the line of their names."""
+    return next((each for each in (";", "\t") if each in header), ",")
+
+
+def number_of(text: str, separator: str) -> float | None:
     """The number of a cell, with a decimal comma where it does not separate columns; ``None`` if it is none."""
     plain = text.replace(",", ".") if separator != "," and "." not in text else text
     try:

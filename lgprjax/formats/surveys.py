@@ -13,13 +13,13 @@ from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
 from lgprjax.formats.plausible import IMPLAUSIBLE, left_out_in_words, lengths_disagree, path_length_m
-from lgprjax.formats.profile import Assumed, Profile
+from lgprjax.formats.profile import Assumed, Profile, check_channel
 from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, strangers, unread_notes
 from lgprjax.formats.side_positions import SidePositions
 from lgprjax.formats.survey_layout import SurveyLayout, check_fit, header_positions, lay_out, places_traces
 from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, distances_m, unused_zone, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
-from lgprjax.formats.vendors.segy import read_segy
+from lgprjax.formats.vendors.segy import SampleFormat, read_segy
 
 _SAME_LINE_M = 0.005
 _FARTHEST_LINES_M = 100.0
@@ -35,16 +35,19 @@ READERS = {
 }
 
 
-def read_profile(path: str | Path, *, partial: bool = False) -> Profile:
-    """Read a vendor's file by its suffix, one of ``READERS``; with ``partial`` only its intact part.
+def read_profile(path: str | Path, *, channel: int | None = None, partial: bool = False) -> Profile:
+    """Read a vendor's file by its suffix, one of ``READERS``; only one channel, or with ``partial`` its intact part.
 
     Raises ``InputError``.
     """
     reader = READERS.get(Path(path).suffix.lower())
+    if reader is read_dzt:
+        return read_dzt(path, channel=channel, partial=partial)
     if reader is None and Path(path).is_dir():
         raise InputError(path, "file", "a recording", "a folder")
     if reader is None:
         raise InputError(path, "file name", "a suffix among " + ", ".join(READERS), repr(Path(path).suffix))
+    check_channel(Path(path), channel, channels=1)
     return reader(path, partial=partial)
 
 
@@ -75,7 +78,9 @@ def import_lines(
     time_zero: TimeZero = "auto",
     polarity: Literal["auto", "keep"] = "auto",
     reversed_lines: Reversed = "auto",
+    channel: int | None = None,
     sample_interval_ns: float | None = None,
+    sample_format: SampleFormat | None = None,
     utm_zone: str | None = None,
     partial: bool = False,
     latitude_deg: float = 0.0,
@@ -94,7 +99,8 @@ def import_lines(
     Time zeros, signs, directions and starts are estimated from the traces (``survey_layout``).
 
     Args:
-        paths: vendor files, from left to right. A single file of several channels counts as that many lines.
+        paths: vendor files, from left to right. A single file of several channels counts as that many lines, placed by
+            tape.
         output: the drive log.
         line_spacing_m: distance between lines.
         lines_at_m: place of each line, to the right of the origin.
@@ -102,7 +108,8 @@ def import_lines(
         length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
         time_zero, polarity, reversed_lines: see ``find_lines``.
-        sample_interval_ns: two-way travel time between samples of SEG-Y files, if missing in the headers.
+        channel: the only one to read of files with several, from 0.
+        sample_interval_ns, sample_format: of SEG-Y files, see ``read_segy``.
         utm_zone: of positions in metres of a UTM grid, such as ``33N``.
         partial: read the intact traces of truncated files.
         latitude_deg, longitude_deg: origin, WGS-84.
@@ -115,9 +122,12 @@ def import_lines(
     if utm_zone is not None:
         utm_projection(utm_zone)  # a wrong zone is refused where nothing needs one, too
     _check_once(paths)
-    lines = [_read(path, sample_interval_ns, partial) for path in paths]
+    lines = [_read(path, channel, sample_interval_ns, sample_format, partial) for path in paths]
     if not lines:
         raise InputError(output, "lines", "at least one file", "none")
+    taped = line_spacing_m is not None or lines_at_m is not None
+    for line in lines:
+        _check_channels(line, alone=len(lines) == 1 and taped)
     if len(lines) == 1:
         lines = _channels(lines[0])
     place = SurveyOrigin(latitude_deg, longitude_deg, heading_deg)
@@ -213,9 +223,10 @@ def import_iprb(
     *,
     place: SurveyOrigin,
     length_m: float | None = None,
+    partial: bool = False,
     output: str | Path,
     force: bool = False,
-) -> None:
+) -> str | None:
     """Write the ImpulseRadar files of one line, one a channel, as one drive log.
 
     Several files are an array, placed by ``CH_X_OFFSET`` and ``CH_Y_OFFSET`` of their headers; the leftmost becomes
@@ -225,13 +236,17 @@ def import_iprb(
         paths: the ``.iprb`` files of the channels.
         place: origin and direction of the line.
         length_m: length of the line, if measured by tape.
+        partial: read the intact traces of truncated files.
         output: the drive log.
         force: replace an output that exists.
+
+    Returns:
+        How many traces of truncated files were read; ``None``: all.
 
     Raises:
         InputError: a file cannot be read, or the channels do not belong together.
     """
-    array = read_iprb_array(paths)
+    array = read_iprb_array(paths, partial=partial)
     lines = _channels(array)
     write_lines(
         lines,
@@ -244,16 +259,35 @@ def import_iprb(
         length_m=length_m,
         force=force,
     )
+    return array.cut
 
 
-def _read(path: str | Path, sample_interval_ns: float | None, partial: bool) -> Profile:
-    if sample_interval_ns is None:
-        return read_profile(path, partial=partial)
+def _read(
+    path: str | Path,
+    channel: int | None,
+    sample_interval_ns: float | None,
+    sample_format: SampleFormat | None,
+    partial: bool,
+) -> Profile:
+    if sample_interval_ns is None and sample_format is None:
+        return read_profile(path, channel=channel, partial=partial)
     if READERS.get(Path(path).suffix.lower()) is not read_segy:
-        raise InputError(
-            path, "file name", "SEG-Y (the only format with a sample interval option)", repr(Path(path).suffix)
-        )
-    return read_segy(path, sample_interval_ns=sample_interval_ns, partial=partial)
+        expected = "SEG-Y (the only format with --sample-interval-ns and --sample-format)"
+        raise InputError(path, "file name", expected, repr(Path(path).suffix))
+    check_channel(Path(path), channel, channels=1)
+    return read_segy(path, sample_interval_ns=sample_interval_ns, sample_format=sample_format, partial=partial)
+
+
+def _check_channels(line: Profile, *, alone: bool) -> None:
+    """Raise ``InputError`` for several channels in one file, unless they are lines placed by tape: of two antennas in
+    one place, one is chosen.
+    """
+    channels = line.channels.shape[1]
+    if channels > 1 and not alone:
+        names = line.metadata.get("antennas")
+        antennas = f" ({', '.join(map(repr, names))})" if isinstance(names, tuple) and any(names) else ""
+        expected = "--channel for one of them (side by side: one file, lgprjax import lines --line-spacing-m)"
+        raise InputError(line.path, "channels", expected, f"{channels}{antennas}")
 
 
 def _check_once(paths: Sequence[str | Path]) -> None:
@@ -294,7 +328,7 @@ def _notes(
     length_m: float | None,
 ) -> tuple[str, ...]:
     """What was left unused and what looks wrong, in words."""
-    notes = []
+    notes = list(dict.fromkeys(note for line in lines for note in line.notes))
     files = dict.fromkeys(line.path for line in lines)
     if length_m is not None:
         unused = [file for path in files for file in find_side_files(path)]

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from lgprjax.coverage import CellGrid, CellState, Field, cell_states, inside_cells
 from lgprjax.errors import ArgumentError
+from lgprjax.formats.geometries import continuous
 from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
 
 METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
@@ -257,7 +258,7 @@ def _areas(record: WorkedRecord, name: str, rows: Iterable[tuple[Any, dict[str, 
 def _layer(record: WorkedRecord, name: str, kind: str, rows: list[tuple[Any, dict[str, Any]]]) -> GeoLayer:
     def to_degrees(places: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place 2"]:
         latitude, longitude, _ = record.frame.to_geodetic(places[:, 0], places[:, 1], np.zeros(len(places)))
-        return np.stack([longitude, latitude], axis=1)
+        return np.stack([continuous(longitude, record.frame.longitude_deg), latitude], axis=1)
 
     shapes = [shapely.transform(shape, to_degrees) for shape, _ in rows]
     if kind == "Polygon":

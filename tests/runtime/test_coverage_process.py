@@ -14,7 +14,8 @@ import pytest
 from canon.field import make_field
 from lgprjax.coverage.pattern import driving_time_s
 from lgprjax.coverage.resume import line_arcs_m, place_of_tool, resume_place
-from lgprjax.formats.coverage_files import read_cover_plan, read_field
+from lgprjax.formats.coverage_files import read_cover_plan
+from lgprjax.formats.field_files import read_field
 from lgprjax.run_records import COVER, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.skid.setup import load_skid, place_after_death
