@@ -22,7 +22,7 @@ from lgprjax.navigation import GnssObservation, SmoothedCart, cart_model, cart_r
 from lgprjax.run_records import COVER, ToolBits
 from lgprjax.runtime.gnss import Accuracy, GnssParser, GnssPosition, Quality, read_gnss
 from lgprjax.worked.plans import PlanFile
-from lgprjax.worked.record import CoverRun
+from lgprjax.worked.record import NOT_MEASURED, CoverRun
 
 _STEP_S = 0.1
 _PIECE = 16_384
@@ -31,7 +31,6 @@ _SILENT_S = 30.0
 """A longer silence parts a log: the cart's heading is known anew after it, and no ticks are made for it."""
 _FIXED_SIGMA_M = 0.02
 _DAY_S = 86_400.0
-NOT_MEASURED = "not measured"
 
 
 class _Heard(NamedTuple):

@@ -263,11 +263,13 @@ class FieldTruth(TruthRows):
 
 FIELD_SCRIPT: dict[str, tuple[str, ...]] = {
     "drive_to": ("x_m", "y_m", "speed_mps"),
+    "work_to": ("x_m", "y_m", "speed_mps", "tool_m"),
     "stand": (),
     "press": ("button",),
     "brake_tap": (),
 }
-"""Items of a script, and their parameters."""
+"""Items of a script, and their parameters. ``work_to`` is ``drive_to`` with the tool on, at a depth."""
+_WAYS = ("drive_to", "work_to")
 _SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3}
 FIELD_BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
 
@@ -305,9 +307,9 @@ class Teleoperator:
         for item in items:
             if item.name == "stand" and item not in self._told:
                 self._waiting = []
-            if item.name in ("drive_to", "stand") and item not in self._told:
+            if item.name in (*_WAYS, "stand") and item not in self._told:
                 self._told.append(item)
-                self._waiting += [item] if item.name == "drive_to" else []
+                self._waiting += [item] if item.name in _WAYS else []
         self._rest_s = max(self._rest_s - step_s, 0.0)
         pressed = frozenset(str(item.numbers["button"]) for item in items if item.name == "press")
         pressed |= {"brake_tap"} if any(item.name == "brake_tap" for item in items) else set()
@@ -330,7 +332,8 @@ class Teleoperator:
         aimed = abs(off) <= _AIMED_RAD or distance < 0.5
         speed = min(float(goal["speed_mps"]), 0.1 + distance) if aimed else 0.0
         turn = min(max(_PER_RAD * off, -_TURN_RADPS), _TURN_RADPS)
-        return SkidActing(speed - 0.5 * _TRACK_M * turn, speed + 0.5 * _TRACK_M * turn, None)
+        tool_m = float(goal["tool_m"]) if aimed and "tool_m" in goal else None
+        return SkidActing(speed - 0.5 * _TRACK_M * turn, speed + 0.5 * _TRACK_M * turn, tool_m)
 
 
 _KIND = StageKind(FIELD_LINES, FIELD_SCRIPT, _SCRIPT_LASTS_S, FIELD_BUTTONS, FIELD_FAULTS)
