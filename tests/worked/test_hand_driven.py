@@ -131,14 +131,13 @@ def test_runs_that_do_not_belong_together_are_refused(driven: HandDriven, tmp_pa
         record_cover([], [run, run])
     rows = np.array([row for _, row in driven.loop.covers][:50])
     assert run.without_plan is not None
-    header = {
-        "version": "0", "plan_sha256": None, "vehicle": run.without_plan.vehicle, "tool": run.without_plan.tool._asdict()
-    }  # fmt: skip
+    tool = run.without_plan.tool
+    header = {"version": "0", "plan_sha256": None, "vehicle": run.without_plan.vehicle, "tool": tool._asdict()}
     write_cover_run(tmp_path / "nowhere", rows, 0.1 * np.arange(50), header=header)
     with refused("anchor", "none"):
         read_cover_run(tmp_path / "nowhere")
     anchor = [48.0, 11.0, 500.0]
-    wider = header | {"tool": run.without_plan.tool._replace(width_m=2.0)._asdict()}
+    wider = header | {"tool": tool._replace(width_m=2.0)._asdict()}
     write_cover_run(tmp_path / "wider", rows, 0.1 * np.arange(50), header=wider, anchor=anchor, begin_s=900.0)
     with refused("tool", "2.0"):
         record_cover([], [run, read_cover_run(tmp_path / "wider")])

@@ -1,7 +1,6 @@
 """A hand cart with a GNSS receiver alone, live: its pose by ``step_cart`` ten times a second, its tool's rows."""
 
 import math
-from functools import partial
 from typing import Any
 
 import jax
@@ -119,7 +118,7 @@ class CartPilot:
         return self._newest.quality if self._newest is not None and age_s < self._present_s else Quality.NONE
 
 
-@partial(jax.jit, donate_argnums=1)
+@jax.jit
 def _step(
     model: CartModel, state: CartFilterState, numbers: Float[Array, "6"]
 ) -> tuple[CartFilterState, Float[Array, "14"]]:

@@ -7,6 +7,7 @@ from lgprjax.run_records import RecordKind, unpack
 from lgprjax.runtime.radargram import LiveColumns
 
 STALE_NS = 500_000_000
+_SHAPE_OLD_NS = 1_500_000_000
 ENGAGED = ("STEERING", "SPEED")
 
 
@@ -26,6 +27,7 @@ class Board:
         self._path: list[Any] | None = None
         self._worked: dict[str, Any] | None = None
         self._shape: dict[str, Any] | None = None
+        self._shape_ns = 0
         self._columns = LiveColumns()
         self._column: list[int] | None = None
 
@@ -48,7 +50,8 @@ class Board:
         """Take messages of the coverage process, oldest first: the map, or the tool's shape."""
         for message in messages:
             try:
-                told = json.loads(unpack(message).payload, parse_constant=_nothing)
+                record = unpack(message)
+                told = json.loads(record.payload, parse_constant=_nothing)
                 if not isinstance(told, dict):
                     raise ValueError("no map of worked ground")
                 json.dumps(told, allow_nan=False)
@@ -56,7 +59,7 @@ class Board:
                 self.refused_states += 1
                 continue
             if "shape" in told:
-                self._shape = told
+                self._shape, self._shape_ns = told, record.mono_ns
             else:
                 self._worked = told
                 self.worked_version += 1
@@ -88,7 +91,7 @@ class Board:
         }
         if self._column is not None:
             said["column"] = self._column
-        if self._shape is not None:
+        if self._shape is not None and mono_ns - self._shape_ns < _SHAPE_OLD_NS:
             said["shape"] = self._shape
         if with_path:
             said["path"] = self._path

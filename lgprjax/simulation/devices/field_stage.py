@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +44,7 @@ class FieldSpec(StageSpec):
         track_m, gnss_x_m, gnss_y_m, threshold_mps: of the true vehicle.
         wheel_scale: what the tracks' sensors read too much by, as a share.
         seed: of slips and errors.
+        host: what it does; times of the script count from when it drives, or at once.
     """
 
     anchor: tuple[float, float, float]
@@ -54,6 +55,7 @@ class FieldSpec(StageSpec):
     threshold_mps: float = Field(default=0.0, ge=0.0)
     wheel_scale: float = Field(default=0.02, gt=-0.5, lt=0.5)
     seed: int = 2
+    host: Literal["drive", "record"] = "drive"
 
 
 # Faults of the simulated devices of a field: names and their parameters.
@@ -356,6 +358,7 @@ class FieldStage(Stage[SkidBox, None]):
 
     def __init__(self, spec: FieldSpec, file: Path, begin_ns: int) -> None:
         super().__init__(_KIND, spec, file, begin_ns, tick_ns=1e9 * TICK_S, box=SkidBox, seed=spec.seed)
+        self._host = spec.host
         self.truth = FieldTruth()
         self._frame = LocalFrame(*spec.anchor)
         self._flail = Flail(
@@ -392,6 +395,10 @@ class FieldStage(Stage[SkidBox, None]):
         self.truth.add(self.next_ns, moved, self.tool, command, held, gnss_on=on)
         with self._lock:
             self._sense(moved, supply_v, gnss_on=on)
+
+    @property
+    def _host_ready(self) -> bool:
+        return self._host == "record" or super()._host_ready
 
     @property
     def _buttons_held(self) -> frozenset[str]:

@@ -8,7 +8,7 @@ import pytest
 from lgprjax.autopilot.modes import ENGAGED as ENGAGED_MODES
 from lgprjax.autopilot.modes import Mode
 from lgprjax.run_records import Record, RecordKind, Source, pack
-from lgprjax.runtime.display.board import ENGAGED, Board
+from lgprjax.runtime.display.board import ENGAGED, STALE_NS, Board
 from runtime.display.served_page import BROKEN, DRIVING, READY, state_record
 
 NOW_NS = 5_000_000_000

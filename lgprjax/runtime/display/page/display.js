@@ -1,8 +1,8 @@
 // The operator's page: shows what the control process says, and says loudly when it says nothing.
 
-import { drawPlan, points } from "./plan.js";
-import { drawColumn, lineWords, radarWords } from "./record.js";
-import { FIELD_MODES, computedCorner, fieldWords, toolWords } from "./field.js";
+import { drawPlan, frame, points } from "./plan.js";
+import { cartWords, drawColumn, lineWords, radarWords } from "./record.js";
+import { FIELD_MODES, claimWords, computedCorner, drawToolPicture, fieldWords, isOpen, shapeOf, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
 const NOMINAL_M = 0.305, MOST_M = 0.914; // one foot and three
@@ -42,7 +42,7 @@ const tell = (id, text) => { if (at(id).textContent !== text) at(id).textContent
 
 let socket = null, session = null, asked = 0;
 let received_s = -Infinity, age_s = null, leastDelay_s = Infinity, delay_s = 0;
-let state = null, path = [], worked = null, refused = 0, vehicleUp = false, broken = false, closedBecause = "";
+let state = null, path = [], worked = null, shape = null, refused = 0, vehicleUp = false, broken = false, closedBecause = "";
 
 // --- what the vehicle is doing -----------------------------------------------------------------------------------
 function showMode(mode, refusedNow) {
@@ -50,7 +50,8 @@ function showMode(mode, refusedNow) {
   at("top").dataset.mode = mode;
   at("top").dataset.refused = refusedNow ? "yes" : "no";
   tell("mode", word);
-  const own = state && state.field && FIELD_MODES[refusedNow ? "READY_REFUSED" : mode];
+  const open = state && isOpen(state.field) && (mode === "READY" || mode === "MANUAL");
+  const own = state && state.field && FIELD_MODES[open ? "OPEN" : refusedNow ? "READY_REFUSED" : mode];
   tell("mode-text", own || sentence);
   at("shape-path").setAttribute("d", shape);
 }
@@ -68,7 +69,7 @@ function sayings(mode, engaged) {
   for (const fault of texts(state.faults)) {
     if (!state.cause) said.push(["bad", `■ Fault: ${plain(fault)}`]);
   }
-  if (!engaged && refusal() !== null) said.push(["warn", `▲ Cannot engage: ${fileName(refusal())}`]);
+  if (!engaged && refusal() !== null && !isOpen(state.field)) said.push(["warn", `▲ Cannot engage: ${fileName(refusal())}`]);
   const reasons = texts(state.reasons).map(plain), slow = texts(state.slow).map(plain);
   // Who drives himself is not stopped or slowed: then a reason is a warning, once.
   if (engaged && state.reaction === "STOP") said.push(["bad", `■ Stopping: ${reasons.join(", ")}`]);
@@ -122,8 +123,8 @@ function showTool() {
 }
 
 function showRecord() {
-  tell("correlation-title", "Radar");
-  const radar = radarWords(state);
+  tell("correlation-title", state.field ? "Live accuracy" : "Radar");
+  const radar = state.field ? cartWords(state.field) : radarWords(state);
   tell("share", "");
   tell("correlation", radar.figure);
   tell("correlation-more", radar.more);
@@ -133,17 +134,43 @@ function showRecord() {
   tell("cross-title", "Recorded");
   tell("cross", `${fixed(state.travel_m, 0)} m`);
   tell("route-title", "Connections");
+  const own = state.field ? fieldWords(state.field, worked, false) : [];
   at("route-list").replaceChildren(
-    ...lineWords(state).map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+    ...[...own, ...lineWords(state)].map((text) => Object.assign(document.createElement("p"), { textContent: text })));
 }
 
 function showField(engaged) {
-  tell("route-title", typeof state.route === "string" ? `Field ${fileName(state.route)}` : "No plan: mark three corners");
+  tell("route-title", typeof state.route === "string" ? `Field ${fileName(state.route)}` : "No plan: recorded as you drive");
   const words = fieldWords(state.field, worked, engaged);
   const all = JSON.stringify(words);
   if (at("route-list").dataset.all === all) return;
   at("route-list").dataset.all = all;
   at("route-list").replaceChildren(...words.map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+}
+
+// The tool at the level of confidence for the errors of this moment, and the levels to choose from.
+function showClaim() {
+  at("claim").hidden = !(state.field && shape);
+  if (at("claim").hidden) return;
+  const known = state.field.heading_known === true, words = claimWords(shape, known);
+  tell("claim-title", words.title);
+  tell("claim-width", words.claimed);
+  tell("claim-more", words.more);
+  const levels = worked && Array.isArray(worked.levels) ? worked.levels.filter(isNumber) : [];
+  const all = JSON.stringify([levels, shape.level]);
+  if (at("levels").dataset.all !== all) {
+    at("levels").dataset.all = all;
+    at("levels").replaceChildren(...levels.map((level) => {
+      const button = Object.assign(document.createElement("button"), { type: "button", textContent: fixed(100 * level, 1).replace(".0", "") });
+      button.setAttribute("aria-pressed", String(level === shape.level));
+      button.setAttribute("aria-label", `${button.textContent} percent`);
+      button.addEventListener("click", () => ask({ select_level: level }));
+      return button;
+    }));
+  }
+  const style = getComputedStyle(document.documentElement);
+  const { pen, width, height } = frame(at("tool-shape"));
+  drawToolPicture(pen, width, height, shape, known, (name) => style.getPropertyValue(name).trim());
 }
 
 // A servo that has lost torque: the look-ahead is longer than the schedule's.
@@ -155,7 +182,7 @@ function torqueWords() {
 
 function showFigures() {
   tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
-  const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
+  const set = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : isOpen(state.field) ? "" : "not held";
   // A limit above the set speed limits nothing.
   const limits = isNumber(state.cap_mps) && !(isNumber(state.set_speed_mps) && state.cap_mps >= state.set_speed_mps);
   tell("speed-more", limits && ENGAGED.includes(state.mode) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
@@ -188,7 +215,7 @@ function showRoutes(engaged) {
     button.type = "button";
     button.disabled = engaged || Boolean(route.problem);
     button.setAttribute("aria-pressed", String(route.name === state.route));
-    button.addEventListener("click", () => select(route.name));
+    button.addEventListener("click", () => ask({ select_route: route.name }));
     return button;
   }));
 }
@@ -211,8 +238,10 @@ function render() {
   const engaged = ENGAGED.includes(mode);
   showMode(mode, mode === "READY" && refusal() !== null);
   document.body.classList.toggle("record", Boolean(state.lines));
+  document.body.classList.toggle("open", isOpen(state.field));
   if (state.lines) showRecord();
   else showFigures();
+  showClaim();
   showWords(mode, engaged);
   if (state.lines) tell("answer", "");
   else if (state.field) showField(engaged);
@@ -222,7 +251,9 @@ function render() {
 }
 
 function drawWhole() {
-  const { times, reverse, corner } = drawPlan(at("plan"), state, path, vehicleUp, worked, ENGAGED.includes(state.mode));
+  const { times, reverse, corner } = drawPlan(at("plan"), state, path, vehicleUp, worked, shape, ENGAGED.includes(state.mode));
+  tell("path-key", state.field && typeof state.route !== "string" ? "driven" : "path");
+  at("tool-key").hidden = !(state.field && shape);
   at("reverse-key").hidden = !reverse;
   at("corner-key").hidden = !corner;
   at("worked-key").hidden = !(state.field && worked && Array.isArray(worked.runs) && worked.runs.length);
@@ -271,6 +302,7 @@ function take(said) {
     refused = said.refused;
     if ("path" in said) path = points(said.path);
     if ("worked" in said) worked = said.worked;
+    shape = shapeOf(said.shape);
     received_s = now();
     if ("column" in said) drawColumn(at("radargram"), said.column);
     if (said.state === null) return;
@@ -280,11 +312,11 @@ function take(said) {
   watch();
 }
 
-function select(name) {
+function ask(wanted) {
   if (socket === null || socket.readyState !== WebSocket.OPEN || session === null) return;
   asked += 1;
   tell("answer", "");
-  socket.send(JSON.stringify({ session, number: asked, select_route: name }));
+  socket.send(JSON.stringify({ session, number: asked, ...wanted }));
 }
 
 function connect() {
