@@ -100,11 +100,11 @@ class RecordCore:
             now_ns: monotonic.
             came: messages since the last tick, in order.
         """
-        out: list[tuple[RecordKind, bytes]] = []
+        out: list[tuple[RecordKind, int, bytes]] = []
         for record in came:
             if record.kind is RecordKind.REQUEST:
                 told = level_event(json.loads(record.payload).get("select_level"))
-                out.append((RecordKind.EVENT, json.dumps(told).encode()))
+                out.append((RecordKind.EVENT, now_ns, json.dumps(told).encode()))
             self._take(record)
         place, frame = self._gnss.end_tick().place, self._gnss.frame
         if place is not None:
@@ -112,21 +112,21 @@ class RecordCore:
         if self._cart is not None:
             out += self._of_cart(self._cart, tick, now_ns, place, frame)
         if tick % STATE_TICKS == 0:
-            out.append((RecordKind.STATE, finite_json(self.state(tick, now_ns))))
-        return [Record(kind, Source.CONTROL, tick, now_ns, payload) for kind, payload in out]
+            out.append((RecordKind.STATE, now_ns, finite_json(self.state(tick, now_ns))))
+        return [Record(kind, Source.CONTROL, tick, at_ns, payload) for kind, at_ns, payload in out]
 
     def _of_cart(
         self, cart: CartPilot, tick: int, now_ns: int, place: LocalPosition | None, frame: LocalFrame | None
-    ) -> list[tuple[RecordKind, bytes]]:
-        out: list[tuple[RecordKind, bytes]] = []
+    ) -> list[tuple[RecordKind, int, bytes]]:
+        out: list[tuple[RecordKind, int, bytes]] = []
         if place is not None:
             cart.take(place)
         if self._unanchored and frame is not None:
             self._unanchored = False
             anchor = {"anchor": [frame.latitude_deg, frame.longitude_deg, frame.height_m]}
-            out.append((RecordKind.EVENT, json.dumps(anchor).encode()))
+            out.append((RecordKind.EVENT, now_ns, json.dumps(anchor).encode()))
         row = cart.step(now_ns) if tick % COVER_TICKS == 0 else None
-        return [*out, (RecordKind.COVER, row)] if row is not None else out
+        return [*out, (RecordKind.COVER, *row)] if row is not None else out
 
     def state(self, tick: int, now_ns: int) -> dict[str, Any]:
         """For the page and the terminal."""

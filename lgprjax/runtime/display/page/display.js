@@ -123,15 +123,15 @@ function showTool() {
 }
 
 function showRecord() {
-  tell("correlation-title", state.field ? "Live accuracy" : "Radar");
+  tell("correlation-title", state.field ? "Map accuracy" : "Radar");
   const radar = state.field ? cartWords(state.field) : radarWords(state);
   tell("share", "");
   tell("correlation", radar.figure);
   tell("correlation-more", radar.more);
   at("correlation").className = `figure ${radar.kind}`;
-  tell("speed", fixed(state.speed_mps, 1));
+  tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
   tell("speed-more", "");
-  tell("cross-title", "Recorded");
+  tell("cross-title", state.field ? "Mapped" : "Recorded");
   tell("cross", `${fixed(state.travel_m, 0)} m`);
   tell("route-title", "Connections");
   const own = state.field ? fieldWords(state.field, worked, false) : [];
