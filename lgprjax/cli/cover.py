@@ -220,10 +220,9 @@ class CoverRecord:
         Positional[tuple[Path, ...]],
         arg(metavar="RUN...", help="folders of recorded runs; with --cart, GNSS logs"),
     ]
-    plan: Annotated[
-        tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, then plans of its gaps")
-    ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="R.worked.h5", help="record to write")]
+    plan: Annotated[tuple[Path, ...], arg(metavar="X.cover.geojson...")] = ()
+    """plan of the field, then plans of its gaps; default: the convex outline of the passes of runs without a plan"""
     evidence: Annotated[Path | None, arg(metavar="E.toml")] = None
     """task, hazard area, machine, operator, control points, finds, detonations; see docs/coverage.md"""
     cart: Annotated[Path | None, arg(metavar="V.vehicle.toml")] = None
@@ -265,6 +264,9 @@ class CoverRecord:
                     runs.append(read_cover_run(folder))
                 else:
                     from lgprjax.runtime.cart import read_cart_run
+
+                    if not plans:
+                        raise UsageError("--cart: needs --plan as well")
 
                     runs.append(read_cart_run(folder, self.cart, plans[0]))
             for note in runs[-1].provenance.get("notes", ()):

@@ -104,6 +104,9 @@ class _Line:
         """Nothing to close."""
 
 
+_WORKED = (RecordKind.COVER, RecordKind.CORNER, RecordKind.EVENT)
+
+
 class _Log:
     """The writing end of a ring buffer, directly to the recording."""
 
@@ -141,9 +144,11 @@ class LockStep:
         self._records = not config.map
         self._loaded = load_vehicle(config) if config.commands else None
         session = draw_session()
-        self.core: ControlCore | RecordCore = RecordCore(config)
-        if self._loaded is not None:
-            self.core = ControlCore(config, self._loaded, session=session, after_death=False)
+        self.core: ControlCore | RecordCore = (
+            RecordCore(config)
+            if self._loaded is None
+            else ControlCore(config, self._loaded, session=session, after_death=False)
+        )
         run = uuid.uuid4().bytes
         tell_run(folder, run, config.file)
         self._writer = SegmentWriter(folder, run, 0, 0, config.recording.segment_s)
@@ -325,7 +330,7 @@ class LockStep:
                     self._shown.show(record)
                 continue
             self._log(record)
-            if record.kind in (RecordKind.COVER, RecordKind.CORNER) and self._shown is not None:
+            if record.kind in _WORKED and self._shown is not None:
                 self._shown.worked(record)
             if record.kind is RecordKind.PRIOR and self._queue is not None:
                 self._queue.priors.take(record.payload)
@@ -393,7 +398,7 @@ class Page:
         self._scans.put(pack(record))
 
     def worked(self, record: Record) -> None:
-        """A moment of work or a corner, to the coverage process."""
+        """A moment of work, a corner or an event, to the coverage process."""
         self._cover.put(pack(record))
 
     def requests(self) -> list[Record]:

@@ -210,7 +210,8 @@ class Run:
         check_before(config, table)
         if not config.map and config.coverage is None:
             check_recordable(config)
-        field, records = config.coverage is not None, config.mode == "record"
+        field = config.coverage is not None
+        records = config.mode == "record" or (config.coverage is not None and config.coverage.plan is None)
         if records and self.for_s is None:
             raise UsageError("--for-s: a simulated run that only records needs its duration in seconds")
         if not records:
@@ -248,6 +249,8 @@ class Run:
                 return status
             if not field:
                 _write_drive(driven, folder)
+        if records and field:
+            return _conclude_field(folder)
         if records:
             return 0 if (folder / f"{config.name}.drive.h5").is_file() else BAD_INPUT
         with working("evaluating the run"):
@@ -326,6 +329,17 @@ def keeps_real_time() -> bool:
     if not found.keeps:
         say(f"{found.line}; running in simulated time (--realtime: run in real time)")
     return found.keeps
+
+
+def _conclude_field(folder: Path) -> int:
+    """Print what a run without a plan has recorded. Returns its exit status."""
+    from lgprjax.run_records import ToolBits
+    from lgprjax.worked.record import read_cover_run
+
+    rows = read_cover_run(folder).rows
+    counted_s = 0.1 * float(((rows["tool"] & ToolBits.COUNTS) != 0).sum())
+    verdict(f"recorded: {counted_s:.0f} s of work in {0.1 * len(rows):.0f} s", f"cover record {folder} -o R.worked.h5")
+    return 0
 
 
 def _conclude(folder: Path) -> int:

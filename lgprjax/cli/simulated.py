@@ -245,12 +245,17 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
     Raises:
         InputError: vehicle, plan or field cannot be used.
     """
+    from lgprjax.batch.vehicles import skid_setup_of
+    from lgprjax.formats import read_vehicle
     from lgprjax.formats.field_files import read_field
     from lgprjax.frames import LocalFrame
     from lgprjax.runtime.control.skid.setup import load_skid
 
-    loaded = load_skid(config)
-    if loaded.frame is None:
+    assert config.coverage is not None
+    path = config.path(config.vehicle)
+    vehicle = read_vehicle(path)
+    setup = skid_setup_of(vehicle, path)
+    if config.coverage.plan is None:
         if table.field is None:
             raise InputError(config.file, "simulation.field", "a field, if there is no plan", "none")
         places = read_field(config.path(table.field))
@@ -258,16 +263,19 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
         east, north, _ = frame.to_local(places.latitude_deg, places.longitude_deg, places.height_m)
         x, y, yaw = 0.0, 0.0, math.atan2(float(north[1] - north[0]), float(east[1] - east[0]))
     else:
+        loaded = load_skid(config)
+        assert loaded.frame is not None
         frame = loaded.frame
         x, y, yaw = (float(number) for number in np.asarray(loaded.route.rows[0, :3], np.float64))
     start = (x - _BEHIND_M * math.cos(yaw), y - _BEHIND_M * math.sin(yaw), yaw)
     return {
         "anchor": (frame.latitude_deg, frame.longitude_deg, frame.height_m),
         "start": start,
-        "track_m": float(loaded.setup.vehicle.track_m),
-        "gnss_x_m": float(loaded.setup.model.gnss_x_m),
-        "gnss_y_m": float(loaded.setup.model.gnss_y_m),
-        "threshold_mps": float(loaded.setup.threshold_mps),
+        "track_m": float(setup.vehicle.track_m),
+        "gnss_x_m": float(setup.model.gnss_x_m),
+        "gnss_y_m": float(setup.model.gnss_y_m),
+        "host": config.mode,
+        "threshold_mps": vehicle.skid_steer.threshold_mps or 0.0,
         "seed": table.seed,
         "script": _script(table, (x, y)),
         "faults": table.faults,

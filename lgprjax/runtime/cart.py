@@ -33,7 +33,7 @@ from lgprjax.run_records import COVER, ToolBits
 from lgprjax.runtime.gnss import Accuracy, GnssParser, GnssPosition, Quality, read_gnss
 from lgprjax.wire import RefusalReason
 from lgprjax.worked.plans import PlanFile
-from lgprjax.worked.record import CoverRun
+from lgprjax.worked.record import NOT_MEASURED, CoverRun
 
 _STEP_S = 0.1
 _PIECE = 16_384
@@ -45,7 +45,6 @@ _LEAST_SIGMA_M = 0.001
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FIRST_YEAR = 1999
 """Receivers without a date count from January 1980, those after 1,024 weeks without their era from August 1999."""
-NOT_MEASURED = "not measured"
 
 
 class _Heard(NamedTuple):

@@ -142,7 +142,8 @@ class CoverageTable(ConfigTable):
     """A field that a skid-steer vehicle works.
 
     Attributes:
-        plan: X.cover.geojson; without one the vehicle does not drive, but corners can be marked.
+        plan: X.cover.geojson; without one the vehicle does not drive, what is worked by remote control is recorded, and
+            corners can be marked.
         speed_mps: set speed that the buttons plus and minus lock.
         guidance: control law along the plan.
         spare_m: extra room of the fence beyond the plan's, for stopping, uncertainty and tracking.
@@ -266,7 +267,8 @@ class RuntimeConfig(ConfigTable):
     Attributes:
         file: its path.
         mode: drive: along routes, with map and radar or by GNSS/INS alone, or in a field; record: radar, positions and
-            odometry, without commands; calibrate: a manoeuvre of ``[calibration]``.
+            odometry, without commands, or with ``coverage`` a hand cart with a GNSS receiver alone; calibrate: a
+            manoeuvre of ``[calibration]``.
         vehicle: vehicle file; may be missing, or unfinished, in mode record.
     """
 
@@ -309,8 +311,10 @@ class RuntimeConfig(ConfigTable):
             self._require(lines, ["drive_by_wire", "gnss", *(["controller"] if self.commands else [])])
             return self
         if self.mode == "record":
-            if self.map or self.routes or self.coverage is not None or self.output is not None:
+            if self.map or self.routes or self.output is not None:
                 raise self._of_work("none of them in mode record, which needs no map and gives out no position")
+            if self.coverage is not None and (lines != ["gnss"] or not self.vehicle or self.coverage.plan is not None):
+                raise self._of_work("in mode record, [coverage] of a hand cart: ports.gnss alone, vehicle, and no plan")
             if not {"gnss", "radar"} & set(lines):
                 raise BrokenRuleError("ports", "gnss or radar, or both", ", ".join(lines) or "none")
             return self

@@ -154,6 +154,8 @@ class _Reader:
             yield "refused", f"{told['refused']} refused: {told['why']}"
         elif "route" in told:
             yield "route", f"route {told['route']} chosen"
+        elif "level" in told:
+            yield "note", f"confidence of {100.0 * told['level']:g} % chosen"
         elif "corner" in told:
             yield "note", f"corner {told['corner']} marked"
         elif "compiled" in told:

@@ -7,10 +7,12 @@ vehicle are behind ``VehicleKind``.
 
 import json
 import math
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from lgprjax.autopilot import Action, Check, EngagementInhibit, Event, Mode, inhibit_of
 from lgprjax.autopilot.monitors import TEXT, Watch
+from lgprjax.coverage.field import HIGHEST_LEVEL
 from lgprjax.coverage.resume import RoutePlace
 from lgprjax.errors import InputError
 from lgprjax.run_records import Record, RecordKind, Source
@@ -40,12 +42,14 @@ from lgprjax.wire import Frame, Sender, decode
 AnyLoaded: TypeAlias = Loaded | SkidLoaded | LoadedManoeuvre
 
 
-def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyLoaded:
+def load_vehicle(
+    config: RuntimeConfig, place: RoutePlace | None = None, anchor: Sequence[float] | None = None
+) -> AnyLoaded:
     """The files of a configuration: of a field if it has one, else of a course.
 
     Args:
         config: of the run.
-        place: of a field's plan, to begin at after a relaunch.
+        place, anchor: of a field, after a relaunch: see ``load_skid``.
 
     Raises:
         InputError: a file cannot be used.
@@ -54,7 +58,7 @@ def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyL
         raise InputError(config.file, "mode", "drive", f"{config.mode}: such a run has no commands")
     if config.mode == "calibrate":
         return load_manoeuvre(config)
-    return load(config) if config.coverage is None else load_skid(config, place)
+    return load(config) if config.coverage is None else load_skid(config, place, anchor)
 
 
 def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:
@@ -106,6 +110,13 @@ class LateTicks:
     def too_many(self) -> bool:
         """Whether the loop misses its period too often."""
         return len(self._late) >= _MOST
+
+
+def level_event(asked: object) -> dict[str, Any]:
+    """What is recorded of a requested level of confidence, at which the page shows worked ground. It moves nothing."""
+    if isinstance(asked, float) and 0.5 < asked <= HIGHEST_LEVEL:
+        return {"level": asked}
+    return {"refused": "level", "why": f"above 0.5, {HIGHEST_LEVEL:g} at most"}
 
 
 # JSON for pages, without NaN.
@@ -247,7 +258,11 @@ class ControlCore:
             case RecordKind.MONITOR:
                 self._monitor = json.loads(record.payload)
             case RecordKind.REQUEST:
-                self._choose(str(json.loads(record.payload).get("select_route")), now_ns)
+                asked = json.loads(record.payload)
+                if "select_level" in asked:
+                    self._event(now_ns, level_event(asked["select_level"]))
+                else:
+                    self._choose(str(asked.get("select_route")), now_ns)
 
     def _learn_cut(self, frame: Frame) -> None:
         """Power that the box keeps cut since before a relaunch stays cut."""

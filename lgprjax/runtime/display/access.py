@@ -117,12 +117,12 @@ def _cookies(headers: Headers) -> Iterable[str]:
             yield cookie.value
 
 
-# Messages of a page over its websocket: requests for another route only.
+# Messages of a page over its websocket: requests for another route, or another level of confidence.
 
 LARGEST_BYTES = 1024
 MOST_A_SECOND = 5
 LONGEST_NAME = 200
-_KEYS = {"session", "number", "select_route"}
+_KEYS = ({"session", "number", "select_route"}, {"session", "number", "select_level"})
 _LARGEST_NUMBER = 2**53  # largest exact integer of a browser
 
 
@@ -133,7 +133,7 @@ class Refused(Enum):
     TOO_LARGE = "a message above 1 kB"
     NOT_TEXT = "a message that is not text"
     NOT_JSON = "a message that is not JSON"
-    NOT_A_REQUEST = "a message that is not a route request"
+    NOT_A_REQUEST = "a message that is no known request"
     SESSION = "a message of another session"
     REPEATED = "a message that was sent before"
 
@@ -150,8 +150,8 @@ class RequestGate:
         self._number = 0
         self._times: deque[int] = deque(maxlen=MOST_A_SECOND)
 
-    def judge(self, message: str | bytes | None, mono_ns: int) -> str | Refused:
-        """The name of the requested route, or why the message is refused.
+    def judge(self, message: str | bytes | None, mono_ns: int) -> str | float | Refused:
+        """The name of the requested route, the requested level, or why the message is refused.
 
         Args:
             message: text; bytes are refused.
@@ -171,20 +171,23 @@ class RequestGate:
             return Refused.NOT_JSON
         return self._request(said)
 
-    def _request(self, said: Any) -> str | Refused:
-        if not isinstance(said, dict) or said.keys() != _KEYS:
+    def _request(self, said: Any) -> str | float | Refused:
+        if not isinstance(said, dict) or said.keys() not in _KEYS:
             return Refused.NOT_A_REQUEST
-        session, number, name = said["session"], said["number"], said["select_route"]
-        if type(session) is not str or type(number) is not int or type(name) is not str:
+        session, number, wanted = said["session"], said["number"], said.get("select_route", said.get("select_level"))
+        if type(session) is not str or type(number) is not int or not 0 < number < _LARGEST_NUMBER:
             return Refused.NOT_A_REQUEST
-        if not 0 < len(name) <= LONGEST_NAME or not 0 < number < _LARGEST_NUMBER:
+        if type(wanted) is not (str if "select_route" in said else float):
+            return Refused.NOT_A_REQUEST
+        if isinstance(wanted, str) and not 0 < len(wanted) <= LONGEST_NAME:
             return Refused.NOT_A_REQUEST
         if session != self._session:
             return Refused.SESSION
         if number <= self._number:
             return Refused.REPEATED
         self._number = number
-        return name
+        asked: str | float = wanted
+        return asked
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -25,6 +25,13 @@ def test_a_good_request() -> None:
     assert judge(said(select_route="Straße 4 <b>")) == "Straße 4 <b>"
 
 
+def test_a_level_is_a_request_of_its_own() -> None:
+    level = '{"session":"0123456789abcdef","number":1,"select_level":0.996}'
+    assert judge(level) == 0.996
+    for other in ("1", "true", '"0.95"', "null", "[0.95]", '0.95,"select_route":"meadow"'):
+        assert judge(level.replace("0.996", other)) is Refused.NOT_A_REQUEST
+
+
 def test_numbers_rise() -> None:
     gate = RequestGate(SESSION)
     verdicts = [gate.judge(said(number=number), i * SECOND_NS) for i, number in enumerate([3, 3, 2, 4, 4, 900, 5])]
