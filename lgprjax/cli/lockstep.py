@@ -210,6 +210,11 @@ class LockStep:
         """Whether the simulated driver has ended the manoeuvre, and the vehicle stands."""
         return bool(getattr(self.stage, "finished", False)) and not abs(self._progress.speed_mps) > _STANDS_MPS
 
+    @property
+    def engaged(self) -> bool:
+        """Whether the computer commands the vehicle."""
+        return isinstance(self.core, ControlCore) and bool(self.core.modes.engage)
+
     def write_truth(self, path: Path) -> None:
         """Write the true poses to a file in the folder of the run."""
         self.stage.truth.write(path, {"simulated_s": (self._now_ns - self._begin_ns) / 1e9})

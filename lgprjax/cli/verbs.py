@@ -366,7 +366,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
             "the numbers of a new vehicle, step by step with the kit",
             (
                 "calibrate onboard/record.vehicle.toml --list",
-                "calibrate onboard/record.vehicle.toml --config onboard/calibrate.run.toml --simulate",
+                "calibrate onboard/record.vehicle.toml --simulate",
             ),
         ),
         "tune": Verb(

@@ -451,10 +451,10 @@ def _by_fixes(signals: DriveSignals, runs: PedalRuns, scale: Estimate | None) ->
     """
     way_m = signals.travel_m[runs.record].astype(np.float64)
     parts = [runs.record[runs.run == run] for run in range(runs.runs)]
-    own = [odometer_scale(DriveSignals(*(None if v is None else v[part] for v in signals))) for part in parts]
+    own = [odometer_scale(jax.tree.map(lambda values, part=part: values[part], signals)) for part in parts]
     known = [each for each in own if each is not None]
     if scale is None or len(known) < 3:
-        return way_m
+        return np.asarray(way_m)
     noise = np.mean([each.sigma**2 for each in known])
     # What the scales scatter beyond their own errors; each is trusted as far as that is the larger.
     wander = max(float(np.var([each.value for each in known], ddof=1) - noise), 0.0)
@@ -463,7 +463,7 @@ def _by_fixes(signals: DriveSignals, runs: PedalRuns, scale: Estimate | None) ->
             inside = runs.run == run
             worth = 1.0 + wander / (wander + each.sigma**2) * (each.value / scale.value - 1.0)
             way_m[inside] = way_m[inside][0] + worth * (way_m[inside] - way_m[inside][0])
-    return way_m
+    return np.asarray(way_m)
 
 
 def _in_metres(name: str, odometer: Estimate, scale: Estimate | None, degrees: float) -> Estimate:
