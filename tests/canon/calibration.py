@@ -47,7 +47,7 @@ class Kit(NamedTuple):
     known: str = ""
 
 
-# Two turns of the steering wheel from lock to lock: a palm tree of five arcs.
+# Three turns of the steering wheel from lock to lock: a palm tree of seven arcs, the least.
 SHORT = Kit(
     """wheelbase_m = 3.4
 largest_angle_deg = 32.0
@@ -61,7 +61,7 @@ backlash_deg = 0.4
 potentiometer_straight_v = 2.2
 potentiometer_per_rad_v = [-1.6]
 encoder_counts_per_rad = 9000.0
-lock_to_lock_turns = 2.0
+lock_to_lock_turns = 3.0
 throttle = [0.15, 0.04, 2.5, 0.5]
 brake = [0.12, 0.05, 5.0, 0.3]
 rolling_mps2 = 0.2

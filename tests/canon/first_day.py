@@ -11,8 +11,8 @@ from canon.calibration import Kit, write_kit
 from canon.commands import run, succeed
 
 _PLUS = "".join(
-    f'  {{ after = {{ mode = 4, for_s = {1.0 + 0.7 * step:.1f} }}, do = "press", button = "plus" }},\n'
-    for step in range(16)
+    f'  {{ after = {{ mode = 4, for_s = {after_s:.1f} }}, do = "press", button = "plus" }},\n'
+    for after_s in (1.0 + 0.7 * step for step in range(16))
 )
 _SCRIPT = f"""script = [
   {{ at_s = 0.5, do = "drive", speed_mps = 2.0 }},
