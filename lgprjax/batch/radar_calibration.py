@@ -260,7 +260,7 @@ def _db(ratio: np.ndarray | float) -> float:
 
 def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
     """Checks of a recording of a standing array, causes first: saturation, noise, dead channels, drift."""
-    live = np.logical_not(standing.dead)
+    live = np.asarray(~standing.dead)
     known = standing.calibration[np.isfinite(standing.calibration).all(axis=1)]
     typical = np.mean(known, axis=0)
     against = known @ np.conj(typical) / np.sum(np.abs(typical) ** 2)

@@ -50,7 +50,14 @@ def open_spec(file: Path) -> tuple[StageSpec, StageMaker]:
             local = opened.description.frame
     sweeps = SweepPlan() if spec.recording == "sweeps" else None
     course = OffRoad(spec.seed, spec.length_m, spec.scan_share, sweeps=sweeps)
-    world = CourseWorld(course, local, weather=spec.weather, drive_seed=spec.drive_seed, gain_drift=spec.gain_drift)
+    world = CourseWorld(
+        course,
+        local,
+        weather=spec.weather,
+        drive_seed=spec.drive_seed,
+        gain_drift=spec.gain_drift,
+        in_view=spec.in_view,
+    )
     return spec, lambda begin_ns: CourseStage(spec, world, file, begin_ns)
 
 

@@ -1,7 +1,7 @@
 """The course that the devices stand on: its ground and radar, its frames, and where the baseline ran."""
 
 from collections import deque
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Complex64, Float
@@ -43,10 +43,18 @@ class CourseWorld:
         weather: of the day, see ``WEATHER``.
         drive_seed: of the day, the radar's errors and the springs.
         gain_drift: of the radar's receiver while it warms up, see ``ReceiverFaults``: over 20 minutes, half of it in 4.
+        in_view: of the radar, see ``LiveRadar``.
     """
 
     def __init__(
-        self, spec: OffRoad, local: LocalFrame, *, weather: str, drive_seed: int, gain_drift: float = GAIN_DRIFT
+        self,
+        spec: OffRoad,
+        local: LocalFrame,
+        *,
+        weather: str,
+        drive_seed: int,
+        gain_drift: float = GAIN_DRIFT,
+        in_view: Literal["ground", "empty", "plate"] = "ground",
     ) -> None:
         self.local = local
         self.laid: Laid = lay_course(spec)
@@ -70,6 +78,7 @@ class CourseWorld:
             seed=drive_seed,
             faults=RadarErrors(gain_drift=gain_drift),
             sweeps=spec.sweeps,
+            in_view=in_view,
         )
 
     @property
