@@ -165,7 +165,10 @@ def record_sweeps(
     echoes = received_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
     halves = convolve_echoes(echoes, matrix).reshape(scans, channels, 2, plan.steps)
     heard = jax.lax.complex(halves[:, :, 0], halves[:, :, 1])
-    return receive_sweeps(key, first_scan, heard, response, errors, noise_field, radar=radar, plan=plan)
+    received: tuple[Array, Array] = receive_sweeps(
+        key, first_scan, heard, response, errors, noise_field, radar=radar, plan=plan
+    )
+    return received
 
 
 @partial(jax.jit, static_argnames=("radar", "plan"))
