@@ -260,7 +260,7 @@ def _db(ratio: np.ndarray | float) -> float:
 
 def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
     """Checks of a recording of a standing array, causes first: saturation, noise, dead channels, drift."""
-    live = np.logical_not(standing.dead)
+    live = ~standing.dead
     known = standing.calibration[np.isfinite(standing.calibration).all(axis=1)]
     typical = np.mean(known, axis=0)
     against = known @ np.conj(typical) / np.sum(np.abs(typical) ** 2)
@@ -268,13 +268,15 @@ def check_sweeps(standing: StandingSweeps) -> list[HealthFigure]:
     # Twice the noise of a group's average does not count as a change.
     noise2 = standing.noise[live] ** 2 * len(standing.ratio) / standing.scans
     change2 = np.nanmax(_rms(standing.ratio[:, live] - mean) ** 2, axis=0) - 2.0 * noise2
+    limited = np.asarray(standing.saturated.any(axis=1))
+    calibration = "; calibration channel" if limited[-1] else ""
     return [
         figure(
             "saturation",
             100.0 * float(np.mean(standing.saturated)),
             "%",
             (1e-3, 0.5),
-            f"sweep entries at the limit of the receiver{_of_channels(standing.saturated.any(axis=1)[:-1])}",
+            f"sweep entries at the limit of the receiver{_of_channels(limited[:-1])}{calibration}",
         ),
         figure(
             "calibration_noise",

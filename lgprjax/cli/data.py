@@ -55,8 +55,8 @@ class CheckVerb:
         Positional[tuple[Path, ...]],
         arg(
             metavar="FILE...",
-            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5; "
-            "other HDF5 files by their schema attribute",
+            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5, "
+            ".radar.h5; other HDF5 files by their schema attribute",
         ),
     ]
     health: bool = False

@@ -440,3 +440,4 @@ def page_beside(config: RuntimeConfig, rings: Path, folder: Path) -> Iterator[Pa
             with suppress(subprocess.TimeoutExpired):
                 process.wait(5.0)
             process.kill()
+            process.wait()

@@ -143,6 +143,7 @@ def course_spec(
         "drive_seed": table.drive_seed,
         "recording": table.recording,
         "gain_drift": table.gain_drift,
+        "in_view": table.in_view,
         "gnss_slow_m": table.gnss_slow_m,
         "map": str(config.path(config.map)) if config.map else "",
         "host": host if (config.ports.radar and config.mode == "record") or host == "drive" else "record_without_radar",

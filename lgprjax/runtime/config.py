@@ -216,6 +216,7 @@ class SimulationTable(ConfigTable):
         length_m, weather, scan_share: of a course.
         recording, gain_drift: of its radar: finished traces or stepped-frequency sweeps, and the change of the
             receiver's gain over 20 minutes, half of it in the first 4.
+        in_view: of a radar of sweeps: the ground; nothing, or a metal plate, to calibrate it.
         gnss_slow_m: sigma of the slow error of positions on a course, an axis; 0: of RTK with a base nearby.
         vehicle: numbers of the vehicle on a course that differ from those of ``scene.TrueVehicle``.
         field: X.geojson from which a missing plan is made; of a field.
@@ -231,6 +232,7 @@ class SimulationTable(ConfigTable):
     drive_seed: int = 102
     recording: Literal["traces", "sweeps"] = "traces"
     gain_drift: float = Field(default=0.05, ge=-0.9, le=10.0)
+    in_view: Literal["ground", "empty", "plate"] = "ground"
     gnss_slow_m: float = Field(default=0.3, ge=0.0, le=10.0)
     vehicle: dict[str, Any] = Field(default_factory=dict)
     field: str | None = None
@@ -239,6 +241,12 @@ class SimulationTable(ConfigTable):
     turning_room_m: float | None = Field(default=None, ge=0.0)
     script: list[dict[str, Any]] = Field(default_factory=list)
     faults: list[dict[str, Any]] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _sweeps_in_view(self) -> "SimulationTable":
+        if self.in_view != "ground" and self.recording != "sweeps":
+            raise BrokenRuleError("in_view", 'ground, or recording = "sweeps"', self.in_view)
+        return self
 
 
 class CalibrationTable(ConfigTable):

@@ -12,15 +12,18 @@ from batch.run_sample import run_of_drive
 from batch.standing_array import StandingArray
 from canon.commands import run, succeed
 from canon.map import of_many_grounds
+from canon.record import record
 from canon.site import Site
 from lgprjax.batch import register_log
 from lgprjax.batch.register import true_poses
-from lgprjax.formats import DriveLog, DriveWriter, MapFile, SweepRecording, TraceRecording
+from lgprjax.formats import DriveLog, DriveWriter, MapFile, SweepRecording, TraceRecording, read_radar_calibration
 from lgprjax.formats.store import attribute_of
 from lgprjax.mapping import build_map
 from lgprjax.registration import Code, RegisterOptions
-from lgprjax.scene import RadarConfig
-from lgprjax.scene.render import ReceiverConfig, time_gain
+from lgprjax.runtime.config import read_config
+from lgprjax.runtime.preflight import preflight
+from lgprjax.scene import WEATHER, RadarConfig
+from lgprjax.scene.render import ReceiverConfig, ReceiverFaults, draw_response, time_gain
 
 _FIELD = 0.05
 """Echoes of the site's ground relative to the direct coupling."""
@@ -149,3 +152,31 @@ def test_what_cannot_be_calibrated_leaves_nothing(tmp_path: Path) -> None:
     with h5py.File(lookup) as store:
         provenance = json.loads(str(attribute_of(store, "provenance")))
     assert {each["name"] for each in provenance["checks"]} >= {"saturation", "noise_floor"}
+
+
+def test_a_crew_calibrates_the_radar_of_a_run(tmp_path: Path) -> None:
+    """Runs in mode record of simulated devices, by commands alone: the channels' gains and delays are the simulated
+    ones, and the next run's drive log has them.
+    """
+    standing = ("script = [{", "#")
+    runs = {}
+    for in_view in ("empty", "plate"):
+        swept = ("seed = 2\n", f'seed = 2\nrecording = "sweeps"\nin_view = "{in_view}"\n')
+        runs[in_view] = record(tmp_path / in_view, 4.0, swept, standing).folder
+    lookup, made = tmp_path / "l.radar.h5", tmp_path / "x.radar.h5"
+    succeed("radar", "lookup", runs["empty"], "-o", lookup)
+    succeed("radar", "plate", runs["plate"], "--lookup", lookup, "-o", made)
+    known, day = read_radar_calibration(made), WEATHER["clear"](7919 * 2 + 102)
+    true = draw_response(day, len(known.response.gain), ReceiverFaults())
+    np.testing.assert_allclose(known.response.gain, true.gain / true.gain.mean(), rtol=0.01)
+    np.testing.assert_allclose(known.response.delay_ns, true.delay_ns - true.delay_ns.mean(), atol=0.05)
+    assert np.ptp(true.delay_ns) > 0.05
+    configured = ("[radar]\n", '[radar]\ncalibration = "../x.radar.h5"\n')
+    driven_by_hand = record(tmp_path / "drive", 4.0, ("seed = 2\n", 'seed = 2\nrecording = "sweeps"\n'), configured)
+    with DriveLog.open(driven_by_hand.drive) as log:
+        recording = log.description.recording
+    assert isinstance(recording, SweepRecording)
+    checks = preflight(read_config(tmp_path / "drive" / "record.run.toml"))
+    assert next(each for each in checks if each.name == "radar calibration").good
+    np.testing.assert_array_equal(recording.channel_gain, known.channel_gain)
+    np.testing.assert_array_equal(recording.lookup_sweeps, known.lookup_sweeps)

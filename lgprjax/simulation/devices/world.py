@@ -1,7 +1,7 @@
 """The course that the devices stand on: its ground and radar, its frames, and where the baseline ran."""
 
 from collections import deque
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import numpy as np
@@ -48,6 +48,7 @@ class CourseWorld:
         gain_drift: of the radar's receiver while it warms up, see ``ReceiverFaults``: over 20 minutes, half of it in 4.
         level: the vehicle is driven on level ground to all sides, for calibrations, in steps of 10 ms; nothing is there
             for a radar.
+        in_view: of the radar, see ``LiveRadar``.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class CourseWorld:
         drive_seed: int,
         gain_drift: float = GAIN_DRIFT,
         level: bool = False,
+        in_view: Literal["ground", "empty", "plate"] = "ground",
     ) -> None:
         self.local, self._level = local, level
         self.laid: Laid = lay_course(spec)
@@ -83,6 +85,7 @@ class CourseWorld:
             seed=drive_seed,
             faults=RadarErrors(gain_drift=gain_drift),
             sweeps=spec.sweeps,
+            in_view=in_view,
         )
 
     @property
