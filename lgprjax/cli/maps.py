@@ -71,6 +71,12 @@ def _labels(sigma_m: tuple[float, ...]) -> str:
     return f"sigma {sigmas_text}"
 
 
+def _scatter(chance: "Chance | None") -> str:
+    """Scatter of the labels that left-out baselines show."""
+    known = chance is not None and chance.label_scatter_m > 0.0
+    return f"; scatter of the baselines {100.0 * chance.label_scatter_m:.1f} cm" if known and chance else ""
+
+
 def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
     """Scores of other ground on this map, and the scores that a match needs."""
     from lgprjax.registration import ladder_of, least_z
@@ -122,7 +128,7 @@ def print_info(path: Path) -> dict[str, Any]:
             "travel_time_ns": round(len(description.gain) * description.settings.sample_interval_ns, 2),
             "track_filter_m": round(description.settings.track_filter_m, 2),
             "tiles": len(source.tile_frame),
-            "labels": _labels(description.label_sigma_m),
+            "labels": _labels(description.label_sigma_m) + _scatter(source.chance),
             **_chance(source.chance, description.settings.wavelength_m),
             "weight": [round(weight, 3) for weight in description.weight],
             "retired": int(np.count_nonzero(source.retired)),

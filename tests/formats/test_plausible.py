@@ -15,7 +15,7 @@ from formats.samples import write_drive, write_dt1
 from formats.segy_sample import write_segy
 from formats.side_samples import cor_row, dzg_text, gga_at, gps_text
 from formats.test_mcap_import import _imported
-from formats.test_signal_tables import _MAP, columns, write_csv
+from formats.test_signal_tables import SIGNAL_MAP, columns, write_csv
 from lgprjax.formats import (
     DriveLog,
     SurveyOrigin,
@@ -257,7 +257,7 @@ def test_coordinates_of_headers(wrong: dict[int, tuple[float, float]], tmp_path:
 def test_places_of_tables(edit: Callable[[dict[str, np.ndarray]], None], name: str, tmp_path: Path) -> None:
     table = columns()
     edit(table)
-    found = import_signals(write_csv(tmp_path / "a.csv", table), _MAP, tmp_path / "a.drive.h5")
+    found = import_signals(write_csv(tmp_path / "a.csv", table), SIGNAL_MAP, tmp_path / "a.drive.h5")
     assert list(found.left_out) == [name] * bool(name)
     log = VehicleLog.open(tmp_path / "a.drive.h5")
     assert np.abs(log.navigation.latitude_deg - 46.0).max() < 0.01

@@ -131,7 +131,7 @@ def test_a_log_of_zeros_is_refused(tmp_path: Path) -> None:
         read(tmp_path, "".join(fix(n, at=(0.0, 0.0)) for n in range(20)))
 
 
-def _without_checksums(text: str) -> str:
+def without_checksums(text: str) -> str:
     return "\r\n".join(line[:-3] for line in text.splitlines()) + "\r\n"
 
 
@@ -157,7 +157,7 @@ def _with_corrections(text: str) -> str:
 @pytest.mark.parametrize(
     ("written", "said"),
     [
-        (_without_checksums, "checksum"),
+        (without_checksums, "checksum"),
         (_without_separation, "separation"),
         (_stamped, ""),
         (_stamped_behind, ""),
@@ -172,7 +172,7 @@ def test_other_ways_to_write_a_log(written: Callable[[str], str], said: str, tmp
     assert np.isfinite(fixes.height_m).all() == (said != "separation")
 
 
-def _pvt(number: int, **changes: int) -> bytes:
+def pvt(number: int, **changes: int) -> bytes:
     utc = TRUE + timedelta(seconds=STEP_S * number)
     latitude, longitude = place(number)
     fields = {"year": utc.year, "month": utc.month, "day": utc.day, "hour": utc.hour, "min": utc.minute}
@@ -183,7 +183,7 @@ def _pvt(number: int, **changes: int) -> bytes:
 
 def test_ubx_whose_dates_become_valid_late(tmp_path: Path) -> None:
     def message(n: int) -> bytes:
-        return _pvt(n, year=2015, month=10, day=18, validDate=int(n >= 50)) if n < 100 else _pvt(n)
+        return pvt(n, year=2015, month=10, day=18, validDate=int(n >= 50)) if n < 100 else pvt(n)
 
     fixes = read(tmp_path, b"".join(message(n) for n in range(COUNT)))
     check(fixes, np.arange(COUNT))
@@ -191,7 +191,7 @@ def test_ubx_whose_dates_become_valid_late(tmp_path: Path) -> None:
 
 
 def test_ubx_and_sentences_of_one_receiver(tmp_path: Path) -> None:
-    fixes = read(tmp_path, b"".join(_pvt(n) + fix(n).encode() for n in range(COUNT)))
+    fixes = read(tmp_path, b"".join(pvt(n) + fix(n).encode() for n in range(COUNT)))
     check(fixes, np.arange(COUNT))
 
 
