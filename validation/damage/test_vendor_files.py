@@ -1,4 +1,4 @@
-"""Ten thousand damages of every kind of vendor file and side file, and large ones in little memory."""
+"""Ten thousand damages of every kind of vendor, side and field file, and large ones in little memory."""
 
 import tracemalloc
 from collections.abc import Callable
@@ -21,7 +21,7 @@ def test_damaged_files_are_read_or_refused(
         record_property(how, count)
 
 
-@pytest.mark.parametrize("name", SUBJECTS)
+@pytest.mark.parametrize("name", [name for name in SUBJECTS if name.split(".")[0] in ("a", "topo_a")])
 def test_memory_follows_the_size_of_large_files(name: str, tmp_path: Path) -> None:
     """What the readers need besides their files is little beside these, whose lines are checked one by one here."""
     traces = np.tile(TRACES, (25, 20))
