@@ -106,7 +106,8 @@ def test_a_bag_without_its_metadata_is_told_so(here: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "page"),
-    [("a.dt", "docs/compatibility.md"), ("a.npy", "docs/own_radar.md"), ("a.mat", "docs/own_radar.md")],
+    [(f"a.{each}", "docs/compatibility.md") for each in ("dt", "3dra")]
+    + [(f"a.{each}", "docs/own_radar.md") for each in ("npy", "mat", "vol")],
 )
 def test_a_format_that_a_page_explains_points_to_it(name: str, page: str) -> None:
     Path(name).write_bytes(b"x")

@@ -59,6 +59,7 @@ _GOES_WITH = {
 """Suffixes of companion files, and of their recordings."""
 _INSTEAD = {
     ".dt": "an IDS recording: convert it to SEG-Y (docs/compatibility.md)",
+    ".3dra": "a 3D-Radar recording: convert it to SEG-Y (docs/compatibility.md)",
     **dict.fromkeys((".npy", ".npz", ".mat"), "data: write them as a drive log (docs/own_radar.md)"),
     **dict.fromkeys((".csv", ".parquet"), "vehicle signals: lgprjax import signals FILE --columns COLUMNS.toml"),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet: save it as CSV for lgprjax import signals"),

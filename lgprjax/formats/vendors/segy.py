@@ -427,7 +427,8 @@ def _on_the_earth(
     coordinates = profile.coordinates
     if coordinates is None:
         if utm_zone is not None:
-            raise InputError(profile.path, "coordinates", "eastings and northings", str(profile.metadata["reading"]))
+            found = str(profile.metadata["coordinates"])
+            raise InputError(profile.path, "coordinates", "eastings and northings, or --length-m", found)
         return None
     if coordinates.kind == "degrees":
         return coordinates.y, coordinates.x
