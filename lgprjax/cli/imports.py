@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from tyro.conf import Positional, arg
 
@@ -93,19 +93,20 @@ def _sample(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-def finished(output: Path) -> None:
-    """Print assumed quantities, position and extent, and the written file."""
+def finished(verb: Any) -> None:
+    """Print assumed quantities, with the options of the verb that set them, position and extent, and its output."""
     from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
 
+    output: Path = verb.output
     with DriveLog.open(output) as log:
         description = log.description
         size = f"{counted(log.scans, 'scan')}, {counted(log.channels, 'channel')}"
     assumed = assumed_of(description.provenance)
     if assumed:
         say(f"assumed, not recorded: {assumed_in_words(assumed)}")
-    if "time zero" in assumed:
+    if "time zero" in assumed and hasattr(verb, "time_zero_ns"):
         say("time zero was set to the first sample (see --time-zero-ns)")
-    if "place on the earth" in assumed:
+    if "place on the earth" in assumed and hasattr(verb, "origin"):
         say("the local origin was set to latitude 0, longitude 0 (see --latitude-deg)")
     say(place_in_words(description.navigation, description.array, known="place on the earth" not in assumed))
     verdict(f"wrote {output}: {size}", f"check {output} --health")
@@ -176,7 +177,7 @@ class ImportGrounded:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True)
@@ -209,7 +210,7 @@ class ImportCmu:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True)
@@ -255,7 +256,7 @@ class ImportGprMax:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output)
+        finished(self)
 
 
 # ``lgprjax import mcap``: a recording of ROS 2 messages to a drive log.
@@ -322,7 +323,7 @@ class ImportMcap:
             )
         for note in imported.notes:
             say(note)
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True)
@@ -433,7 +434,7 @@ class _FoundInTraces:
                 force=self.force,
             )
         print_survey(survey)
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -520,7 +521,7 @@ class ImportIprb:
             )
         if cut is not None:
             say(f"note: read {cut}")
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True)
@@ -567,7 +568,7 @@ class ImportSegy:
             )
         for note in notes:
             say(f"note: {note}")
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True, kw_only=True)

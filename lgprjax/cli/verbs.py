@@ -502,6 +502,8 @@ def _refuse_group(name: str, group: VerbGroup, word: str) -> None:
         if instead:
             raise UsageError(f"{word}: expected {recordings}; found {instead}")
         expected = f"a format ({', '.join(group.verbs)}), or {recordings}"
+        if Path(word).is_file():
+            expected += "; for other formats see docs/own_radar.md"
         raise UsageError(f"{word}: expected {expected}{nearest(word, list(group.verbs))}")
     raise UsageError(f"{word}: expected one of {', '.join(group.verbs)}{nearest(word, list(group.verbs))}")
 

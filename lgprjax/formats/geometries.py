@@ -51,7 +51,7 @@ def geometry(shape: Any) -> dict[str, Any]:
 
 def _coordinates(shape: Any) -> list[Any]:
     if shape.geom_type == "Point":
-        return _places(shape)[0]
+        return list(_places(shape)[0])
     if shape.geom_type == "LineString":
         return _places(shape)
     return [_places(ring) for ring in (shape.exterior, *shape.interiors)]
@@ -69,7 +69,8 @@ def joined(parts: Sequence[Sequence[Ring]]) -> list[Ring] | None:
         return None
     # Around the antimeridian, where both of its sides are one.
     turned = [[np.stack([ring[:, 1] % 360.0, ring[:, 0]], axis=1) for ring in part] for part in parts]
-    if any(len(ring) < 3 for part in turned for ring in part):
+    flat = [ring for part in turned for ring in part]
+    if any(len(ring) < 3 or np.abs(ring[:, 1]).max() > 90.0 for ring in flat):
         return None
     try:
         whole = shapely.unary_union([shapely.Polygon(outer, holes) for outer, *holes in turned])
@@ -89,6 +90,8 @@ def joined(parts: Sequence[Sequence[Ring]]) -> list[Ring] | None:
     rings = []
     for each in (whole.exterior, *whole.interiors):
         corners = _without_cuts(np.array(each.coords)[:-1])
+        if len(corners) < 3:
+            return None
         rings.append(np.array([[lat, lon, heights.get((float(lon), float(lat)), np.nan)] for lon, lat in corners]))
     begin = next((i for lon, lat in first for i in np.flatnonzero((rings[0][:, :2] == (lat, lon)).all(axis=1))), 0)
     rings[0] = np.roll(rings[0], -int(begin), axis=0)
@@ -100,4 +103,4 @@ def _without_cuts(corners: Float[np.ndarray, "corner 2"]) -> Float[np.ndarray, "
     before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
     way, own = after - before, corners - before
     off = np.abs(way[:, 0] * own[:, 1] - way[:, 1] * own[:, 0]) / np.maximum(np.hypot(*way.T), 1e-12)
-    return corners[(corners[:, 0] != 180.0) | (off > _ON_SIDE_DEG)]
+    return np.asarray(corners[(corners[:, 0] != 180.0) | (off > _ON_SIDE_DEG)])

@@ -578,7 +578,7 @@ def _variances(unknown: float, *sigmas: Float[np.ndarray, " record"] | None) -> 
     if stated is None:
         return None
     whole = [np.full(len(stated), np.nan) if each is None else each for each in sigmas]
-    return np.nan_to_num(np.stack(whole, axis=1) ** 2, nan=unknown)
+    return np.asarray(np.nan_to_num(np.stack(whole, axis=1) ** 2, nan=unknown))
 
 
 def _radians(sigma_deg: Float[np.ndarray, " record"] | None) -> Float[np.ndarray, " record"] | None:

@@ -198,7 +198,10 @@ def topics_there(recording: Recording) -> str:
     """Topics of a recording with their types, and why some cannot be read, for messages."""
     texts = {topic: f": {reason}" for topic, reason in recording.refused.items()}
     found = [f"{topic} ({kind}{texts.get(topic, '')})" for topic, kind in sorted(recording.kinds.items())]
-    return ", ".join(found) or "no messages"
+    if recording.whole:
+        return ", ".join(found) or "no messages"
+    cut = f"cut: the file ends too early or is damaged ({recording.repaired_by})"
+    return f"{', '.join(found)}; {cut}" if found else f"no whole message; {cut}"
 
 
 def _words(form: ScanForm) -> str:

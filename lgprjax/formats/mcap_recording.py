@@ -44,6 +44,7 @@ class McapRecording:
 
     Attributes:
         path: the file.
+        repaired_by: command of MCAP's own tool that repairs a file that was cut.
         kinds: type of each topic met so far.
         metadata: the file's own records of names and texts, by name, of those met so far.
         whole: whether the last pass found no damage and reached the file's end.
@@ -69,6 +70,7 @@ class McapRecording:
         if begin != _MAGIC:
             found = "an empty file" if not begin else "another format"
             raise InputError(self.path, "file", "an MCAP file", found)
+        self.repaired_by = f"mcap recover {self.path} -o repaired.mcap"
         self.kinds: dict[str, str] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.refused: dict[str, str] = {}

@@ -489,7 +489,7 @@ def _check_plans(plans: Sequence[PlanFile]) -> None:
     first = plans[0].plan
     for path, _, plan in plans[1:]:
         if plan.frame != first.frame or plan.tool != first.tool:
-            expected = f"anchor and tool of {plans[0].path.name} (made by --gaps from its record)"
+            expected = f"anchor and tool of {plans[0].path.name} (made by lgprjax cover plan --gaps from its record)"
             raise InputError(path, "plan", expected, "others")
 
 

@@ -1,4 +1,4 @@
-"""Ten thousand damages of every kind of vendor file and side file, and large ones in little memory."""
+"""Ten thousand damages of every kind of vendor, side and field file, and large ones in little memory."""
 
 import tracemalloc
 from collections.abc import Callable

@@ -1,9 +1,10 @@
-"""Damaged files of vendors, receivers and tables: each is read right, or refused in one line, in time and memory."""
+"""Damaged files of vendors, receivers, fields and tables: each is read right, or refused in one line, in time and memory."""
 
 import re
 import resource
 import time
 import tracemalloc
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -12,18 +13,20 @@ import numpy as np
 import pyproj
 
 from formats.samples import dzt_header, write_dt1, write_iprb, write_mala
-from formats.segy_sample import write_segy
+from formats.segy_sample import segy_bytes, write_segy
 from formats.side_samples import cor_row, dzg_text, gga, gps_text, rmc
 from formats.test_signal_tables import SIGNAL_MAP, columns, write_csv
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     DriveLog,
+    FieldPlaces,
     Profile,
     SidePositions,
     VehicleLog,
     check_file,
     import_lines,
     places_of_traces,
+    read_field,
     read_profile,
     read_side_file,
 )
@@ -50,7 +53,7 @@ _WORDS = [
 ]
 
 
-Read = Profile | SidePositions | CartFixes | VehicleLog | DriveLog
+Read = Profile | SidePositions | CartFixes | VehicleLog | DriveLog | FieldPlaces
 
 
 class Subject(NamedTuple):
@@ -88,6 +91,31 @@ def _segy(path: Path) -> Path:
     return write_segy(path, TRACES, headers=headers)
 
 
+def _revision_2(path: Path) -> Path:
+    """IEEE floats marked IBM, little-endian, with every header and trailer that revision 2 knows."""
+    states = {(3269, "I"): 40, (3217, "H"): 0, (3273, "d"): 4e-4, (3507, "i"): 1, (3513, "Q"): 24, (3529, "i"): 1}
+    words = (TRACES / 7.0).astype(np.float32).view(np.uint32)
+    options = {"order": "<", "code": 1, "revision": b"\1\2", "extended": 1, "additional": 1, "trailers": 1}
+    path.write_bytes(segy_bytes(words, states=states, **options))  # type: ignore[arg-type]
+    return path
+
+
+def _dt1_floats(path: Path) -> Path:
+    write_dt1(path, np.zeros(TRACES.shape))
+    heads = np.frombuffer(path.read_bytes(), np.dtype([("head", "<f4", 32), ("samples", "<i2", 40)]))["head"].copy()
+    heads[:, 5] = 4.0
+    traces = TRACES.astype("<f4")
+    path.write_bytes(b"".join(head.tobytes() + trace.tobytes() for head, trace in zip(heads, traces, strict=True)))
+    return path
+
+
+def _kmz(path: Path) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("doc.kml", _KML)
+        archive.writestr("files/icon.png", np.random.default_rng(3).bytes(3000))
+    return path
+
+
 def side(text: str) -> Callable[[Path], Path]:
     def make(path: Path) -> Path:
         path.write_text(text, newline="")
@@ -103,6 +131,10 @@ def _cart() -> list[str]:
 
 def _read_cart(path: Path, _partial: bool) -> Read:
     return read_cart_fixes(path)
+
+
+def _read_field(path: Path, _partial: bool) -> Read:
+    return read_field(path)
 
 
 def _read_signals(path: Path, _partial: bool) -> Read:
@@ -138,6 +170,23 @@ _GPS = gps_text(
 _DZG = dzg_text({0: [rmc(0), gga(0)], **{9 * n: [gga(n)] for n in range(1, 3)}})
 _COR = "".join(cor_row(3 * n + 1) for n in range(9))
 _TOPOGRAPHY = "N,E,Z\r\n" + "".join(f"12.5,{0.25 * n:g},{10 + n / 100:g}\r\n" for n in range(10))
+_CORNERS = [(179.99, -16.5), (179.994, -16.5), (179.994, -16.49), (179.99, -16.49), (179.99, -16.5)]
+_KML = (
+    '<?xml version="1.0" encoding="ISO-8859-1"?>\n<kml xmlns="http://www.opengis.net/kml/2.2">\n<Placemark><name>a</name>'
+    "\n<Polygon>\n<outerBoundaryIs><LinearRing><coordinates>\n"
+    + "\n".join(f"{x},{y},310.5" for x, y in _CORNERS)
+    + "\n</coordinates></LinearRing></outerBoundaryIs>\n</Polygon></Placemark></kml>\n"
+)
+_NOTE = "a field on both sides of the antimeridian, cut there as RFC 7946 has it; " * 12
+_GEOJSON = (
+    f'{{"type": "FeatureCollection", "features": [{{"type": "Feature", "properties":\n{{"note": "{_NOTE}"}},\n'
+    '"geometry": {"type": "MultiPolygon", "coordinates": [[[\n'
+    + ",\n".join(f"[{180.0 if x > 179.99 else x}, {y}]" for x, y in _CORNERS)
+    + "]],\n[[[-180.0, -16.5], [-179.99, -16.5], [-179.99, -16.49], [-180.0, -16.49], [-180.0, -16.5]]]]}}]}\n"
+)
+_TABLE = "latitude_deg;longitude_deg;height_m\n" + "".join(
+    f"{y:.4f};{x:.4f};310,5\n".replace(".", ",") for x, y in _CORNERS[:-1]
+)
 SUBJECTS = {
     "a.DT1": Subject(lambda path: write_dt1(path, TRACES), ("a.DT1", "a.HD"), ("a.HD",)),
     "a.DZT": Subject(_dzt, ("a.DZT",), ()),
@@ -164,6 +213,12 @@ SUBJECTS = {
     "g.DT1": _beside("g.GPS", gps_text([[gga(n)] for n in range(24)])),
     "z.DT1": _beside("z.DZG", dzg_text({6 * n: [gga(n)] for n in range(4)})),
     "c.DT1": _beside("c.cor", "".join(cor_row(n) for n in range(1, 24, 2))),
+    "r.sgy": Subject(_revision_2, ("r.sgy",), ()),
+    "f.DT1": Subject(_dt1_floats, ("f.DT1", "f.HD"), ("f.HD",)),
+    "f.kml": Subject(side(_KML), ("f.kml",), ("f.kml",), _read_field),
+    "f.kmz": Subject(_kmz, ("f.kmz",), (), _read_field),
+    "f.geojson": Subject(side(_GEOJSON), ("f.geojson",), ("f.geojson",), _read_field),
+    "f.csv": Subject(side(_TABLE), ("f.csv",), ("f.csv",), _read_field),
 }
 
 
@@ -275,12 +330,22 @@ def _check_drive(log: DriveLog | VehicleLog) -> None:
         assert 0.0 < odometry.distance_m[-1] - odometry.distance_m[0] < 3e3
 
 
+def _check_field(places: FieldPlaces) -> None:
+    for each in (places, *places.keep_outs):
+        numbers = np.stack([each.latitude_deg, each.longitude_deg, each.height_m])
+        assert numbers.shape[1] > 0
+        assert np.isfinite(numbers).all()
+        assert np.abs(each.latitude_deg).max() <= 90.0
+        assert np.abs(each.longitude_deg - each.longitude_deg[0]).max() <= 180.0
+
+
 _CHECKS: dict[type, Callable[..., None]] = {
     Profile: _check_profile,
     SidePositions: _check_side,
     CartFixes: _check_cart,
     VehicleLog: _check_drive,
     DriveLog: _check_drive,
+    FieldPlaces: _check_field,
 }
 
 

@@ -173,8 +173,8 @@ def _binary_header(file: Path, data: bytes) -> _Binary:
     if not samples:  # the first trace may say so alone
         at = (begin or after) + 114
         samples = int.from_bytes(data[at : at + 2], "big" if order == ">" else "little")
-    if samples < 2:
-        raise InputError(file, "binary header, samples a trace", "at least 2", str(samples))
+    if not 2 <= samples <= len(data):
+        raise InputError(file, "binary header, samples a trace", "at least 2, and no more than bytes", str(samples))
     found = _Binary(
         order=order,
         format=codes[order],
@@ -446,7 +446,8 @@ def _on_the_earth(
     coordinates = profile.coordinates
     if coordinates is None:
         if utm_zone is not None:
-            raise InputError(profile.path, "coordinates", "eastings and northings", str(profile.metadata["reading"]))
+            found = str(profile.metadata["coordinates"])
+            raise InputError(profile.path, "coordinates", "eastings and northings, or --length-m", found)
         return None
     if coordinates.kind == "degrees":
         return coordinates.y, coordinates.x
