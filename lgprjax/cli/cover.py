@@ -272,10 +272,13 @@ class CoverRecord:
             for note in runs[-1].provenance.get("notes", ()):
                 say(f"{folder}: {note}")
             if self.smooth:
+                from lgprjax.runtime.cart import smooth_cart_run
                 from lgprjax.runtime.smoothed import smooth_run
 
                 with working(f"smoothing {folder}"):
-                    runs[-1], _ = smooth_run(runs[-1])
+                    # Only the runs of a cart say of the tool that it was not measured.
+                    cart = "tool" in runs[-1].provenance
+                    runs[-1] = smooth_cart_run(runs[-1]) if cart else smooth_run(runs[-1])[0]
         with progress_bar("computing cells", sum(len(run.rows) for run in runs), "ticks") as progress:
             record = record_cover(plans, runs, cell_m=self.cell_m, levels=levels, evidence=evidence, progress=progress)
         write_worked(self.output, record, force=self.force)

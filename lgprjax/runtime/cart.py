@@ -20,7 +20,7 @@ from lgprjax.autopilot import Mode
 from lgprjax.batch.vehicles import tool_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
-from lgprjax.formats import read_vehicle
+from lgprjax.formats import read_run, read_vehicle
 from lgprjax.formats.plausible import (
     DatedClock,
     date_by_majority,
@@ -29,8 +29,11 @@ from lgprjax.formats.plausible import (
     reach_in_time_m,
 )
 from lgprjax.navigation import GnssObservation, SmoothedCart, cart_model, cart_rules, smooth_cart
-from lgprjax.run_records import COVER, ToolBits
+from lgprjax.run_records import COVER, RecordKind, Source, ToolBits
+from lgprjax.runtime.config import read_config
+from lgprjax.runtime.control.senses import GnssSenses, LocalPosition
 from lgprjax.runtime.gnss import Accuracy, GnssParser, GnssPosition, Quality, read_gnss
+from lgprjax.runtime.replay import starts_of_run
 from lgprjax.wire import RefusalReason
 from lgprjax.worked.plans import PlanFile
 from lgprjax.worked.record import NOT_MEASURED, CoverRun
@@ -215,15 +218,12 @@ def read_cart_run(path: str | Path, vehicle_file: str | Path, plan: PlanFile) ->
     height_m = np.where(np.isfinite(fixes.height_m), fixes.height_m, frame.height_m)
     east, north, _ = frame.to_local(fixes.latitude_deg, fixes.longitude_deg, height_m)
     lever = (vehicle.navigation.gnss_x_m or 0.0, vehicle.navigation.gnss_y_m or 0.0)
-    times, rows = [], []
-    for part in smoothed_parts(fixes.utc_ns, east, north, fixes.sigma_m, fixes.quality, lever):
-        times.append(part.utc_ns)
-        rows.append(_rows(part))
+    utc_ns, rows = _moments(fixes.utc_ns, east, north, fixes.sigma_m, fixes.quality, lever)
     digest = file_hash(file)
     return CoverRun(
         name=file.name,
-        utc_ns=np.concatenate(times),
-        rows=np.concatenate(rows),
+        utc_ns=utc_ns,
+        rows=rows,
         events=(),
         provenance={
             "run": str(uuid5(NAMESPACE_URL, digest)),
@@ -237,6 +237,60 @@ def read_cart_run(path: str | Path, vehicle_file: str | Path, plan: PlanFile) ->
         plan_sha256=plan.sha256,
         folder=file.parent,
     )
+
+
+def smooth_cart_run(run: CoverRun) -> CoverRun:
+    """A recorded run of a hand cart with its positions smoothed from both ends, once more from the receiver's bytes.
+
+    Args:
+        run: from ``read_cover_run``.
+
+    Raises:
+        InputError: the recording, or the vehicle file that it was made with, cannot be used.
+    """
+    clock, known = read_run(run.folder).clock, run.without_plan
+    assert clock is not None  # as the run could be read
+    assert known is not None
+    places: dict[int, LocalPosition] = {}
+    lever = (0.0, 0.0)
+    for header, ticks in starts_of_run(run.folder):
+        config = read_config(run.folder / "config.toml")
+        config = config.model_copy(update={"file": Path(header["config"])})
+        path, digest = config.path(config.vehicle), known.vehicle["sha256"]
+        if file_hash(path) != digest:
+            raise InputError(path, "file", f"the file used in the run, {digest[:12]}...", "a changed file")
+        at = read_vehicle(path).navigation
+        lever = (at.gnss_x_m or 0.0, at.gnss_y_m or 0.0)
+        senses = GnssSenses(known.frame, config.sensors)
+        for tick in ticks:
+            for record in tick.came:
+                if record.source is Source.GNSS and record.kind is RecordKind.PORT_IN:
+                    senses.take(record)
+            place = senses.end_tick().place
+            if place is not None:
+                places[place.time_ns] = place
+    if not places:
+        return run
+    times_ns = np.array(sorted(places))
+    found = [places[int(at)] for at in times_ns]
+    east, north, sigma = np.array([(each.x_m, each.y_m, each.reported_m) for each in found]).T
+    quality = np.array([int(each.quality) for each in found])
+    utc_ns, rows = _moments(times_ns + clock[0] - clock[1], east, north, sigma, quality, lever)
+    provenance = {**run.provenance, "poses": "from GNSS only, smoothed forward and backward"}
+    return run._replace(utc_ns=utc_ns, rows=rows, provenance=provenance)
+
+
+def _moments(
+    utc_ns: Int[np.ndarray, " fix"],
+    east_m: Float[np.ndarray, " fix"],
+    north_m: Float[np.ndarray, " fix"],
+    sigma_m: Float[np.ndarray, " fix"],
+    quality: Int[np.ndarray, " fix"],
+    lever: tuple[float, float],
+) -> tuple[Int[np.ndarray, " moment"], np.ndarray]:
+    """Times and ``COVER`` rows of ``smoothed_parts``."""
+    parts = list(smoothed_parts(utc_ns, east_m, north_m, sigma_m, quality, lever))
+    return np.concatenate([part.utc_ns for part in parts]), np.concatenate([_rows(part) for part in parts])
 
 
 class SmoothedPart(NamedTuple):

@@ -1,4 +1,4 @@
-"""Damaged files of vendors, receivers, fields and tables: each is read right, or refused in one line, in time and memory."""
+"""Damaged files of vendors, receivers, fields and tables: each is read right, or refused in one line, in time and space."""
 
 import re
 import resource
