@@ -29,7 +29,6 @@ _JUDGE_S = 10.0
 _IDLE_S = 8.0
 """A manoeuvre that suffices ends when neither vehicle nor steering wheel has moved for so long."""
 _STILL_SHARE, _STILL_V, _STILL_M = 0.03, 0.03, 0.05
-_ENGAGE_MPS = 0.3
 _DRIVEN: dict[str, dict[str, Any]] = {
     "straight": {"kind": "straight", "length_m": 120.0, "speed_mps": 3.0, "weave_rad": 0.008},
     "palm_tree": {"kind": "palm_tree", "speed_mps": 1.5},
@@ -233,7 +232,6 @@ def _calibrating(config: "RuntimeConfig", step: "CalibrationStep", vehicle: Path
         "coverage": None,
         "output": None,
         "calibration": table,
-        "control": config.control.model_copy(update={"fastest_engage_mps": _ENGAGE_MPS}),
         "recording": config.recording.model_copy(update={"folder": str(folder.resolve())}),
     }
     return config.model_copy(update=change)

@@ -114,7 +114,7 @@ STEPS = (
         "Pedal steps",
         (
             "Stand at the beginning of a level, straight and empty stretch. Nobody is ahead of the vehicle.",
-            "Press the steering button, then plus: the vehicle drives 13 times from standstill to standstill.",
+            "Press the steering button, then plus: the vehicle drives 14 times from standstill to standstill.",
             "At the end of the stretch it stops: press override, turn round by hand, and engage again.",
         ),
         "pedals",

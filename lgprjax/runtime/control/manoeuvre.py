@@ -1,12 +1,11 @@
 """Manoeuvres of a calibration that the software commands: steps and a sweep of the steering, steps of the pedals.
 
 A kind of vehicle for the control loop, with the modes, the override and the limiter of every other one. It stands on
-assumed limits while the vehicle's own are open: small angles at standstill; a throttle that begins at nothing, at most
-2 m/s until the brake has been seen to act, and a stretch of ground that it does not leave. Nothing here reads a clock.
+assumed limits while the vehicle's own are open: small angles at standstill; wheels held straight while it drives, a
+speed that positions confirm, and a stretch of ground that it does not leave. Nothing here reads a clock.
 """
 
 import math
-from enum import Enum, auto
 from typing import Any, NamedTuple
 
 import jax
@@ -21,18 +20,25 @@ from lgprjax.autopilot import (
     Limited,
     LimiterRules,
     LimiterState,
+    PedalReading,
+    PedalWatchState,
     init_limiter,
     init_wheel_sensors,
     limit_command,
+    step_pedal_watch,
     step_wheel_sensors,
 )
 from lgprjax.autopilot.monitors import (
     REFUSING,
     BoxState,
     Dwell,
+    PedalBelief,
+    PedalsBelief,
     Severity,
     Watch,
     WheelBelief,
+    as_watch,
+    counted_step_s,
     describe,
     severity_of,
     step_dwell,
@@ -44,8 +50,9 @@ from lgprjax.navigation import Reaction
 from lgprjax.run_records import PLAN, Record, RecordKind
 from lgprjax.runtime.config import CalibrationTable, RuntimeConfig
 from lgprjax.runtime.control.compiled import as_vector
+from lgprjax.runtime.control.manoeuvre_programs import LEAST_BRAKING_MPS2, PedalProgram, SteeringProgram
 from lgprjax.runtime.control.modes import PEDALS, STEERING, CheckItem
-from lgprjax.runtime.control.senses import LocalPosition, Sensed, Senses, wheel_belief
+from lgprjax.runtime.control.senses import BoxStatus, LocalPosition, Sensed, Senses, wheel_belief
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.control.vehicle_kind import (
     LINE,
@@ -80,192 +87,12 @@ _RULES = LimiterRules(
     default_brake=jnp.float32(0.5),
     release_rate_radps=jnp.float32(0.1),
 )
-_UNPROVEN_MPS = 1.8
-"""Speed at which the throttle is released while the brake has not been seen to act: the vehicle stays below 2 m/s."""
-_WALKING_MPS, _OVER_MPS = 2.0, 1.0
-
-
-# Steering: steps to either side, then a sweep of rising frequency.
-
-_STEP_SHARES, _STEP_S = (0.17, 0.5, 1.0), 3.0
-_SWEEP_SHARE, _SWEEP_S, _SWEEP_HZ = 0.35, 40.0, (0.05, 1.0)
-_FIRST_S = 1.0
-
-
-class SteeringProgram:
-    """Front angles over the time since steering was engaged.
-
-    Args:
-        amplitude_rad: of the largest step.
-    """
-
-    def __init__(self, amplitude_rad: float) -> None:
-        self._steps = [(_FIRST_S, 0.0)]
-        for share in _STEP_SHARES:
-            self._steps += [(_STEP_S, sign * share * amplitude_rad) for sign in (1.0, -1.0, 0.0)]
-        self._steps_s = sum(lasts_s for lasts_s, _ in self._steps)
-        self._sweep_rad = _SWEEP_SHARE * amplitude_rad
-        self._time_s = 0.0
-
-    @property
-    def share(self) -> float:
-        """Of the programme, that is done."""
-        return min(self._time_s / (self._steps_s + _SWEEP_S + _STEP_S), 1.0)
-
-    def restart(self) -> None:
-        """From the beginning: half of a step says nothing."""
-        self._time_s = 0.0
-
-    def step(self, step_s: float) -> float:
-        """The angle of this tick, rad."""
-        time_s, self._time_s = self._time_s, self._time_s + step_s
-        for lasts_s, angle in self._steps:
-            if time_s < lasts_s:
-                return angle
-            time_s -= lasts_s
-        if time_s >= _SWEEP_S:
-            return 0.0
-        low_hz, high_hz = _SWEEP_HZ
-        turns = low_hz * time_s + 0.5 * (high_hz - low_hz) * time_s**2 / _SWEEP_S
-        return self._sweep_rad * math.sin(math.tau * turns)
-
-
-# Pedals: a throttle that rises until the vehicle moves, then runs from standstill to standstill.
-
-
-class Phase(Enum):
-    """Part of a run."""
-
-    PROBE = auto()
-    PRESS = auto()
-    BACK = auto()
-    COAST = auto()
-    BRAKE = auto()
-    EASE = auto()
-    HALT = auto()
-    REST = auto()
-
-
-_PROBE_PER_S, _MOST_PROBE, _MOVES_MPS = 0.03, 0.6, 0.25
-_THROTTLES = (0.12, 0.18, 0.28, 0.15, 0.24, 0.33, 0.1, 0.21, 0.3, 0.16, 0.26, 0.14)
-"""Of each run, beyond the throttle at which the vehicle moved off."""
-_BRAKES = (0.35, 0.5, 0.65, 0.42, 0.3, 0.58, 0.45, 0.33, 0.7, 0.38, 0.55, 0.48)
-_BACK = 0.12
-_HALT_BRAKE, _REST_BRAKE = 0.6, 0.4
-_LASTS_S = {
-    Phase.PRESS: 5.0,
-    Phase.BACK: 1.5,
-    Phase.COAST: 2.0,
-    Phase.BRAKE: 0.7,
-    Phase.EASE: 0.6,
-    Phase.REST: 2.0,
-}
-_STANDS_MPS, _SLOW_MPS = 0.05, 0.6
-_PROVEN_FROM_MPS, _LEAST_BRAKING_MPS2 = 1.0, 0.4
-_UNBRAKED_S = 3.0
-
-
-class PedalProgram:
-    """Throttle and brake by what the vehicle does.
-
-    Args:
-        fastest_mps: speed at which the throttle is released once the brake has been seen to act.
-
-    Attributes:
-        runs: that are complete; -1 before the probe is.
-        proven: the brake has been seen to act.
-        trouble: why it cannot go on; empty if it can.
-    """
-
-    def __init__(self, fastest_mps: float) -> None:
-        self.runs, self.proven, self.trouble = -1, False, ""
-        self._fastest_mps = fastest_mps
-        self._phase, self._time_s = Phase.REST, 0.0
-        self._throttle, self._moved_at = 0.0, math.nan
-        self._braked_mps, self._braked_s = 0.0, 0.0
-
-    @property
-    def share(self) -> float:
-        """Of the runs, that are done."""
-        return max(self.runs, 0) / len(_THROTTLES)
-
-    @property
-    def cap_mps(self) -> float:
-        """Speed at which the throttle is released now."""
-        return self._fastest_mps if self.proven else _UNPROVEN_MPS
-
-    @property
-    def between_runs(self) -> bool:
-        """Whether the vehicle stands, and is to stand."""
-        return self._phase is Phase.REST
-
-    def restart(self) -> None:
-        """The run begins again, from standstill."""
-        self._go(Phase.REST)
-
-    def step(self, speed_mps: float, step_s: float) -> tuple[float, float]:
-        """Throttle and brake of this tick, 0 to 1.
-
-        Args:
-            speed_mps: forward, by the wheels.
-            step_s: since the last tick.
-        """
-        self._time_s += step_s
-        self._advance(speed_mps, step_s)
-        run = min(max(self.runs, 0), len(_BRAKES) - 1)
-        throttle = self._moved_at + _THROTTLES[run] if math.isfinite(self._moved_at) else 0.0
-        brake = _BRAKES[run]
-        return {
-            Phase.PROBE: (self._throttle, 0.0),
-            Phase.PRESS: (throttle, 0.0),
-            Phase.BACK: (max(throttle - _BACK, 0.0), 0.0),
-            Phase.COAST: (0.0, 0.0),
-            Phase.BRAKE: (0.0, brake),
-            Phase.EASE: (0.0, max(brake - _BACK, 0.0)),
-            Phase.HALT: (0.0, _HALT_BRAKE),
-            Phase.REST: (0.0, _REST_BRAKE),
-        }[self._phase]
-
-    def _advance(self, speed_mps: float, step_s: float) -> None:
-        phase, over = self._phase, self._time_s >= _LASTS_S.get(self._phase, math.inf)
-        if phase is Phase.REST and over:
-            self._go(Phase.PRESS if math.isfinite(self._moved_at) else Phase.PROBE)
-        elif phase is Phase.PROBE:
-            self._throttle += _PROBE_PER_S * step_s
-            if speed_mps > _MOVES_MPS:
-                self._moved_at = self._throttle
-                self._go(Phase.BRAKE)
-            elif self._throttle > _MOST_PROBE:
-                self.trouble = f"the vehicle does not move at a throttle of {_MOST_PROBE:g}"
-        elif phase is Phase.PRESS and (over or speed_mps >= self.cap_mps):
-            self._go(Phase.BACK)
-        elif phase is Phase.BACK and (over or speed_mps >= self.cap_mps + 0.2):
-            self._go(Phase.COAST)
-        elif phase is Phase.COAST and (over or speed_mps < _SLOW_MPS or speed_mps >= self.cap_mps + 0.2):
-            self._go(Phase.BRAKE)
-        elif phase in (Phase.BRAKE, Phase.EASE, Phase.HALT):
-            self._brake(speed_mps, step_s, over=over)
-
-    def _brake(self, speed_mps: float, step_s: float, *, over: bool) -> None:
-        if self._phase is Phase.BRAKE and self._braked_s == 0.0:
-            self._braked_mps = speed_mps
-        self._braked_s += step_s
-        if speed_mps < _STANDS_MPS:
-            seen = self._braked_mps > _PROVEN_FROM_MPS
-            self.proven |= seen and self._braked_mps / self._braked_s > _LEAST_BRAKING_MPS2
-            self.runs += 1
-            self._go(Phase.REST)
-        elif self._braked_s > _UNBRAKED_S and speed_mps > 0.5 * self._braked_mps:
-            self.trouble = "the brake does not slow the vehicle"
-        elif over and self._phase is not Phase.HALT:
-            # A brake that has not been seen to act is not eased.
-            self._go(Phase.EASE if self._phase is Phase.BRAKE and self.proven else Phase.HALT)
-
-    def _go(self, phase: Phase) -> None:
-        if phase in (Phase.PRESS, Phase.PROBE):
-            self._braked_s = 0.0
-        self._phase, self._time_s = phase, 0.0
-
+_ENGAGE_MPS = 0.3
+"""Faster than that a manoeuvre is not engaged: it begins at standstill."""
+_WALKING_MPS = 2.0
+_PEDAL = PedalBelief(pre_tension=0.0, dead_zone=0.0, gain_mps2=1.0, lag_s=1.0)
+_PEDALS = PedalsBelief(_PEDAL, _PEDAL, rolling_mps2=0.0, drag_per_s=0.0)
+"""No study has found them yet, and no finding depends on them where the watch is given no speed to trust."""
 
 # The compiled part: the limiter, which follows the wheels while nothing is engaged.
 
@@ -325,9 +152,20 @@ def with_assumed(vehicle: VehicleFile) -> VehicleFile:
 
 
 _NOTHING = Sensed(0.0, math.nan, None, None, None, math.nan, math.nan, False, None, False, math.inf)
-_OLD_S, _PLACE_OLD_S = 0.1, 1.0
-_OUT_RAD, _OUT_S = math.radians(6.0), 0.4
-_OFF_M = 3.0
+_PLACE_OLD_S, _COARSE_M = 1.0, 0.5
+"""Age, and error, up to which a position is used."""
+_OUT_RAD, _STRAIGHT_RAD, _OUT_S = math.radians(6.0), math.radians(4.0), 0.4
+"""Wheels beyond the largest command, and off straight while the vehicle is driven."""
+_APART_M, _APART_SIGMAS, _APART_SHARE, _APART_S = 0.5, 3.0, 0.1, 0.2
+"""Allowed difference of wheels and positions since a standstill, and how long it lasts until it is told: the speed must
+count as unknown by then, or a vehicle whose wheels say that it stands would be handed over instead of stopped."""
+
+
+class _Mark(NamedTuple):
+    """Where the vehicle last stood: the runs by then, and the position."""
+
+    runs: int
+    place: LocalPosition
 
 
 class ManoeuvreKind:
@@ -348,8 +186,13 @@ class ManoeuvreKind:
         self.speed_control = self._moves = table.commands == "pedals"
         self._steering, self._pedals = SteeringProgram(self._largest_rad), PedalProgram(table.fastest_mps)
         self._senses = Senses(None, config.sensors)
-        self._shared = SharedWatches(config.control, STEERING | PEDALS, tests_brake=self._moves)
-        self._sensors, self._out = init_wheel_sensors(), Dwell()
+        slowly = {"fastest_engage_mps": min(config.control.fastest_engage_mps, _ENGAGE_MPS)}
+        control = config.control.model_copy(update=slowly)
+        self._shared = SharedWatches(control, STEERING | PEDALS, tests_brake=self._moves)
+        self._sensors, self._out, self._widest_rad = init_wheel_sensors(), Dwell(), 0.0
+        self._pedal = PedalWatchState()
+        self._mark: _Mark | None = None
+        self._way_m = self._apart_s = 0.0
         self._session = 0
         self._sensed, self._now_ns = _NOTHING, 0
         self._bits, self._front = Watch(0), math.nan
@@ -393,13 +236,10 @@ class ManoeuvreKind:
                 sensed.step_s,
             )
             self._front = angles.front_rad
-        steers = bool(self._sent.engage & STEERING)
-        beyond = steers and not abs(self._front) < self._largest_rad + _OUT_RAD
-        self._out = step_dwell(self._out, beyond, sensed.step_s, on_s=_OUT_S)
-        if self._out.on:
-            bits |= Watch.STEERING_RUNAWAY
-        if self._sent.engage & PEDALS:
-            bits |= self._pedal_findings(speed)
+            if self._moves:
+                bits |= self._pedal_findings(sensed.wheels, speed, sensed.step_s)
+                self._compare(speed, sensed.step_s)
+        bits |= self._wheel_findings(sensed.step_s)
         found, events = self._shared.step(
             status_age_s=math.inf if wheels is None else sensed.wheels_age_s,
             box=(0, 0) if wheels is None else (wheels.bits("state"), wheels.bits("engaged")),
@@ -407,7 +247,8 @@ class ManoeuvreKind:
             statuses=operator.statuses,
             controller_age_s=operator.age_s,
             hands=hands,
-            speed_mps=speed,
+            # Wheels that positions contradict neither stand nor move.
+            speed_mps=math.nan if self._apart_s else speed,
             step_s=sensed.step_s,
         )
         self._bits = bits | found
@@ -423,7 +264,7 @@ class ManoeuvreKind:
         trouble = self._trouble
         ages_s = {"drive-by-wire box is silent": self._sensed.wheels_age_s if received else math.inf}
         if self._moves:
-            ages_s["no position from GNSS"] = self._place_age_s
+            ages_s["no accurate position from GNSS"] = self._place_age_s
         ended = [ARRIVED[-1]] if self._done else []
         return VehicleStatus(
             received,
@@ -456,7 +297,7 @@ class ManoeuvreKind:
         if self._moves:
             tested = wheels is not None and bool(wheels.bits("state") & BoxState.BRAKE_TESTED)
             items += [
-                CheckItem(Check.GNSS_INS, self._place_age_s < _PLACE_OLD_S, "no position"),
+                CheckItem(Check.GNSS_INS, self._place_age_s < _PLACE_OLD_S, "no accurate position"),
                 CheckItem(Check.BRAKE, tested, "the braking test has not passed"),
             ]
         return items
@@ -471,12 +312,14 @@ class ManoeuvreKind:
             self._began = (0.0 if wheels is None else wheels.number("odometer_m"), self._senses.place)
         if not wish.engaged:
             self._began = None
-        if wish.engaged and wish.stop:
-            front, brake = self._result[0], _HALT_BRAKE
-        elif wish.engaged and not self._moves:
+            self._steering.restart()
+        elif not self._moves:
             front = self._steering.step(step_s)
-        elif wish.drives and wheels is not None:
-            throttle, brake = self._pedals.step(wheels.number("speed_mps"), step_s)
+        if wish.drives and wheels is not None:
+            stop = wish.stop or self._apart_s > 0.0
+            throttle, brake = self._pedals.step(wheels.number("speed_mps"), step_s, stop=stop)
+        else:
+            self._pedals.restart()
         numbers = _Numbers(
             front,
             throttle,
@@ -542,7 +385,8 @@ class ManoeuvreKind:
         if self._done:
             return ARRIVED[-1]
         if self._ground_used:
-            return f"{self._table.area_m:g} m are used up: turn round by hand, and engage again"
+            left = f"less than {self._run_m:g} m of {self._table.area_m:g} m are left"
+            return f"{left}: turn round by hand, and engage again"
         return "; ".join(self._trouble)
 
     def slow(self) -> list[str]:
@@ -558,11 +402,9 @@ class ManoeuvreKind:
         return OutgoingFrame("drive_command", SentCommand(self._sent.front_rad, 0.0, 0.0, engage)._asdict())
 
     def leave(self) -> None:
-        """The operator drives: what was under way begins again, what is complete stays so."""
-        if not self._done:
-            self._steering.restart()
-            self._pedals.restart()
-        self._began = None
+        """The operator drives, and knows what was wrong: it is tried again, unless the brake has failed."""
+        if not self._pedals.dead:
+            self._pedals.trouble = ""
 
     def choose(self, name: str) -> bool:
         """There is no route."""
@@ -580,7 +422,9 @@ class ManoeuvreKind:
     @property
     def _place_age_s(self) -> float:
         place = self._senses.place
-        return math.inf if place is None else (self._now_ns - place.time_ns) / 1e9
+        if place is None or not place.reported_m <= _COARSE_M:
+            return math.inf
+        return (self._now_ns - place.time_ns) / 1e9
 
     @property
     def _gone_m(self) -> float:
@@ -595,29 +439,77 @@ class ManoeuvreKind:
         return max(way_m, math.hypot(place.x_m - began.x_m, place.y_m - began.y_m))
 
     @property
+    def _run_m(self) -> float:
+        """Ground that a run may take."""
+        return 12.0 * self._table.fastest_mps
+
+    @property
     def _ground_used(self) -> bool:
         """Whether the next run might not fit on the ground that is left."""
-        top = self._table.fastest_mps
-        return self._moves and self._pedals.between_runs and self._gone_m > self._table.area_m - 12.0 * top
+        return self._moves and self._pedals.between_runs and self._gone_m > self._table.area_m - self._run_m
 
     @property
     def _trouble(self) -> list[str]:
         """What ends a manoeuvre by a stop."""
         wheels = self._sensed.wheels
-        speed = math.nan if wheels is None else abs(wheels.number("speed_mps"))
+        speed, way = (
+            (math.nan, math.nan) if wheels is None else (wheels.number("speed_mps"), wheels.number("odometer_m"))
+        )
         trouble = [self._pedals.trouble] if self._pedals.trouble else []
-        if not self._moves:
-            return [*trouble, "the vehicle moves"] if self._sent.engage & STEERING and speed > _WALKING_MPS else trouble
+        if self._sent.engage & STEERING and not self._moves and not abs(speed) <= _WALKING_MPS:
+            trouble.append("the vehicle moves, or its speed is unknown")
         if self._sent.engage & PEDALS:
-            if self._gone_m > self._table.area_m + _OFF_M:
-                trouble.append(f"more than {self._table.area_m:g} m from where the manoeuvre was engaged")
+            # It must be able to stop on it.
+            if not self._gone_m + speed * speed / (2.0 * LEAST_BRAKING_MPS2) <= self._table.area_m:
+                trouble.append(f"the end of {self._table.area_m:g} m from where the manoeuvre was engaged")
             if not self._place_age_s < _PLACE_OLD_S:
-                trouble.append("no position from GNSS")
-            if not math.isfinite(speed):
+                trouble.append("no accurate position from GNSS")
+            if self._apart_s > _APART_S:
+                trouble.append("wheels and GNSS give different speeds")
+            if not math.isfinite(speed + way):
                 trouble.append("speed unknown")
         return trouble
 
-    def _pedal_findings(self, speed_mps: float) -> Watch:
-        """A speed beyond all that was asked for, or a brake without effect: the box cuts the power and brakes."""
-        found = Watch.SPEED_RISES if speed_mps > self._pedals.cap_mps + _OVER_MPS else Watch(0)
-        return found | (Watch.BRAKE_DEAD if self._pedals.trouble.startswith("the brake") else Watch(0))
+    def _wheel_findings(self, step_s: float) -> Watch:
+        """Wheels outside what is commanded; those that were turned further when they were engaged may come back."""
+        angle, engage = abs(self._front), self._sent.engage
+        self._widest_rad = min(self._widest_rad, angle) if engage & STEERING else angle
+        bound = max(self._largest_rad + _OUT_RAD, self._widest_rad + _STRAIGHT_RAD)
+        beyond = bool(engage & STEERING) and not angle < (_STRAIGHT_RAD if engage & PEDALS else bound)
+        self._out = step_dwell(self._out, beyond, counted_step_s(step_s), on_s=_OUT_S)
+        return as_watch(self._out.on * Watch.STEERING_RUNAWAY)
+
+    def _pedal_findings(self, wheels: BoxStatus, speed_mps: float, step_s: float) -> Watch:
+        """Pedals against their commands; a speed beyond all that was asked for, or a brake without effect: the box cuts
+        the power and brakes."""
+        engaged = bool(self._sent.engage & PEDALS)
+        self._pedal, found = step_pedal_watch(
+            _PEDALS,
+            self._pedal,
+            engaged=engaged,
+            command=PedalReading(self._sent.throttle, self._sent.brake),
+            measured=PedalReading(wheels.number("throttle"), wheels.number("brake")),
+            speed_mps=speed_mps,
+            speed_trusted=False,
+            step_s=step_s,
+        )
+        if engaged and abs(speed_mps) > self._pedals.limit_mps:
+            found |= Watch.SPEED_RISES
+        return found | (Watch.BRAKE_DEAD if engaged and self._pedals.dead else Watch(0))
+
+    def _compare(self, speed_mps: float, step_s: float) -> None:
+        """The way by the wheels' speed since the last standstill against positions. Once they are apart they stay so
+        until the pedals are released."""
+        place = self._senses.place
+        if not self._sent.engage & PEDALS or place is None:
+            self._mark, self._apart_s = None, 0.0
+            return
+        if self._mark is None or self._mark.runs != self._pedals.runs:
+            self._mark, self._way_m = _Mark(self._pedals.runs, place), 0.0
+        self._way_m += speed_mps * step_s
+        before, way_m = self._mark.place, abs(self._way_m)
+        gone_m = math.hypot(place.x_m - before.x_m, place.y_m - before.y_m)
+        bound_m = _APART_M + _APART_SIGMAS * max(place.reported_m, before.reported_m)
+        bound_m += _APART_SHARE * max(gone_m, way_m) + abs(speed_mps) * (self._now_ns - place.time_ns) / 1e9
+        if self._apart_s or not abs(gone_m - way_m) <= bound_m:
+            self._apart_s += step_s
