@@ -29,8 +29,11 @@ from lgprjax.wire import Frame, draw_session
 _TICK_NS = int(TICK_S * 1e9)
 
 
+_STATES_A_SECOND = 10
+
+
 class SelectedRoute:
-    """The operator's last selection: a control process that replaces one that died makes it again.
+    """The operator's last selection, and the place on it: a control process that replaces one that died makes it again.
 
     Args:
         rings: folder of the rings, in memory: it outlives a control process, and no slow disk delays a tick.
@@ -38,22 +41,29 @@ class SelectedRoute:
 
     def __init__(self, rings: Path) -> None:
         self._file = rings / "selected_route"
+        self._states = 0
 
     def keep(self, out: list[Record]) -> None:
-        """Keep a selection among the records of a tick."""
+        """Keep a selection among the records of a tick; once a second the place that the vehicle has come to."""
         for record in out:
-            if record.kind is RecordKind.EVENT and "route" in (told := json.loads(record.payload)):
-                fresh = self._file.with_suffix(".new")
-                fresh.write_text(told["route"], encoding="utf-8")
-                fresh.replace(self._file)
+            if record.kind is RecordKind.STATE:
+                self._states += 1
+            elif record.kind is not RecordKind.EVENT:
+                continue
+            if record.kind is RecordKind.EVENT or self._states % _STATES_A_SECOND == 0:
+                told = json.loads(record.payload)
+                if "route" in told and (record.kind is RecordKind.EVENT or told.get("place")):
+                    fresh = self._file.with_suffix(".new")
+                    place = {"place": told["place"]} if told.get("place") else {}
+                    fresh.write_text(json.dumps({"select_route": told["route"], **place}), encoding="utf-8")
+                    fresh.replace(self._file)
 
     def again(self) -> list[Record]:
         """The request for it, anew; none where nothing was selected."""
         try:
-            name = self._file.read_text(encoding="utf-8")
+            request = self._file.read_bytes()
         except FileNotFoundError:
             return []
-        request = json.dumps({"select_route": name}).encode()
         return [Record(RecordKind.REQUEST, Source.DISPLAY, 0, time.monotonic_ns(), request)]
 
 

@@ -117,7 +117,7 @@ def _cookies(headers: Headers) -> Iterable[str]:
             yield cookie.value
 
 
-# Messages of a page over its websocket: requests for another route only.
+# Messages of a page over its websocket: requests for another route, or another place on it, only.
 
 LARGEST_BYTES = 1024
 MOST_A_SECOND = 5
@@ -150,8 +150,8 @@ class RequestGate:
         self._number = 0
         self._times: deque[int] = deque(maxlen=MOST_A_SECOND)
 
-    def judge(self, message: str | bytes | None, mono_ns: int) -> str | Refused:
-        """The name of the requested route, or why the message is refused.
+    def judge(self, message: str | bytes | None, mono_ns: int) -> dict[str, str] | Refused:
+        """The requested route, ``select_route``, and the ``place`` on it if given, or why the message is refused.
 
         Args:
             message: text; bytes are refused.
@@ -171,20 +171,21 @@ class RequestGate:
             return Refused.NOT_JSON
         return self._request(said)
 
-    def _request(self, said: Any) -> str | Refused:
-        if not isinstance(said, dict) or said.keys() != _KEYS:
+    def _request(self, said: Any) -> dict[str, str] | Refused:
+        if not isinstance(said, dict) or said.keys() - {"place"} != _KEYS:
             return Refused.NOT_A_REQUEST
-        session, number, name = said["session"], said["number"], said["select_route"]
-        if type(session) is not str or type(number) is not int or type(name) is not str:
+        wanted = {key: said[key] for key in ("select_route", "place") if key in said}
+        session, number = said["session"], said["number"]
+        if type(number) is not int or any(type(text) is not str for text in (session, *wanted.values())):
             return Refused.NOT_A_REQUEST
-        if not 0 < len(name) <= LONGEST_NAME or not 0 < number < _LARGEST_NUMBER:
+        if not all(0 < len(text) <= LONGEST_NAME for text in wanted.values()) or not 0 < number < _LARGEST_NUMBER:
             return Refused.NOT_A_REQUEST
         if session != self._session:
             return Refused.SESSION
         if number <= self._number:
             return Refused.REPEATED
         self._number = number
-        return name
+        return wanted
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

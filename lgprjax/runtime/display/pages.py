@@ -225,10 +225,10 @@ class Pages:
                 return False
         return True
 
-    def _ask(self, name: str, mono_ns: int) -> str | None:
-        obstacle = self._board.obstacle(name, mono_ns)
+    def _ask(self, wanted: dict[str, str], mono_ns: int) -> str | None:
+        obstacle = self._board.obstacle(wanted["select_route"], mono_ns)
         if obstacle is None:
-            payload = json.dumps({"select_route": name}).encode()
+            payload = json.dumps(wanted).encode()
             if not self._requests.put(pack(Record(RecordKind.REQUEST, Source.DISPLAY, 0, mono_ns, payload))):
                 obstacle = "the control process accepts no requests"
         if obstacle is not None:
