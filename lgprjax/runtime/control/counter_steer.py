@@ -118,7 +118,9 @@ class Panel:
         }
         line = self._lines[route]
         if line is not None:
-            state["places"] = [{"place": place.words, **line.ahead(place)} for place in places]
+            # In the order along the route: a letter keeps its place while the vehicle moves.
+            ordered = sorted(places, key=lambda place: (place.at_m, place.travel))
+            state["places"] = [{"place": place.words, **line.ahead(place)} for place in ordered]
         if route != self._shown or tick - self._path_tick >= 100:
             self._shown, self._path_tick = route, tick
             state["path"] = self._routes[route].points
@@ -645,9 +647,11 @@ class CounterSteer:
 
     def state(self, tick: int) -> dict[str, Any]:
         """State for the display."""
+        taken = same_place(self._offered, self.pilot.place)
         return {
             **self._panel.state(tick, self.pilot.route, self.pilot.result, self._offered),
             "place": None if self.pilot.place is None else self.pilot.place.words,
+            "taken": None if taken is None else taken.words,
             "look_ahead_m": self.pilot.result.look_ahead_m,
             "torque_share": self._watches.torque_share,
         }
