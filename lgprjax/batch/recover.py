@@ -36,6 +36,7 @@ from lgprjax.formats.run_log import (
     read_run,
     read_run_record,
 )
+from lgprjax.frames import LocalFrame
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.run_records import FIX, SEARCHED, RecordKind, Source, fix_row, payload_type
 from lgprjax.subsurface import SpatialIndex
@@ -317,7 +318,7 @@ _HOLE_S = 1.0
 
 
 class RecordedTracks(NamedTuple):
-    """What a run that only records has in place of a map: tracks from the messages of its receiver, in seconds since
+    """What a run without a map has in place of it: tracks from the messages of its receiver, in seconds since
     the run's clock, and facts of the array that its radar does not state.
 
     Attributes:
@@ -326,6 +327,7 @@ class RecordedTracks(NamedTuple):
         origin: how headings were obtained, in words.
         channel_pitch_m: spacing of the channels, where the vehicle file does not state their places.
         centre_frequency_hz: of the antennas.
+        frame: of the decisions of the autopilot; ``None`` where there are none.
     """
 
     navigation: NavigationTrack
@@ -333,6 +335,7 @@ class RecordedTracks(NamedTuple):
     origin: str
     channel_pitch_m: float | None = None
     centre_frequency_hz: float | None = None
+    frame: LocalFrame | None = None
 
 
 class RunTracks:
@@ -359,13 +362,14 @@ class RunTracks:
         self.odometry = OdometryTrack(self.seconds_of(signals.box_ns), signals.travel_m)
         self.vehicle = self._vehicle()
         if isinstance(source, RecordedTracks):
-            self.navigation, self.plan, self._longest_s = source.navigation, None, _HOLE_S
+            self.navigation, self.plan, self._longest_s = source.navigation, self._plan(source.frame), _HOLE_S
             # An odometer that fell silent would end the drive there.
             box_s, nav_s = self.odometry.time_s, self.navigation.time_s
             whole = len(box_s) > 1 and box_s[0] < nav_s[0] + _HOLE_S and box_s[-1] > nav_s[-1] - _HOLE_S
             self.odometry = self.odometry if whole else source.odometry
         else:
-            self.navigation, self.plan = self._navigation(source, position_sigma_m), self._plan(source)
+            self.navigation = self._navigation(source, position_sigma_m)
+            self.plan = self._plan(source.description.frame)
             self._longest_s = np.inf
         self.seconds = float(self.navigation.time_s[-1] - self.navigation.time_s[0])
 
@@ -401,9 +405,9 @@ class RunTracks:
             sigma_roll_deg=np.full(len(prior), _SIGMA_ROLL_DEG),
         )
 
-    def _plan(self, source: MapFile) -> dict[str, np.ndarray] | None:
-        plan, frame = self._signals.plan, source.description.frame
-        if not len(plan):
+    def _plan(self, frame: LocalFrame | None) -> dict[str, np.ndarray] | None:
+        plan = self._signals.plan
+        if not len(plan) or frame is None:
             return None
         east, north, yaw = plan["pose"].T.astype(np.float64)
         latitude, longitude, _ = frame.to_geodetic(east, north, np.zeros_like(east))

@@ -266,7 +266,7 @@ class MapUpdate:
     """Add drives to a map as baselines, weight all baselines, and retire ground that two newer drives find changed."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5; replaced unless -o is given")]
-    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over the map")]
+    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs or run folders")]
     output: Annotated[Path | None, arg(aliases=["-o"], metavar="NEW.map.h5", help="map to write")] = None
     json: Path | None = None
     """JSON file for the figures; - for standard output"""
@@ -279,14 +279,15 @@ class MapUpdate:
         from lgprjax.mapping import UPDATE_PASSES, update_map
 
         require_files(self.drives, "drives")
+        drives = tuple(drive_of(path) for path in self.drives)
         scans = 0
-        for path in self.drives:
+        for path in drives:
             with DriveLog.open(path) as log:
                 scans += log.scans
         check_outputs(self.json, force=self.force)
         with progress_bar("updating map", UPDATE_PASSES * scans) as progress:
             update = update_map(
-                self.file, self.drives, self.output, force=self.force, progress=progress, stage=progress.stage
+                self.file, drives, self.output, force=self.force, progress=progress, stage=progress.stage
             )
         _print_update(update)
         if self.json is not None:

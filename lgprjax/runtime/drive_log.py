@@ -3,6 +3,7 @@
 Poses of a run on a map are those fused during it; of a run that only recorded they are smoothed from its messages.
 """
 
+import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -162,7 +163,9 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
         origin += "; no vehicle file: body origin and array at the antenna"
     tracks, radar = _tracks(sensed, poses, reading.clock[1], origin), config.radar
     frequency_hz = None if radar.centre_frequency_mhz is None else 1e6 * radar.centre_frequency_mhz
-    return tracks._replace(channel_pitch_m=radar.channel_pitch_m, centre_frequency_hz=frequency_hz)
+    return tracks._replace(
+        channel_pitch_m=radar.channel_pitch_m, centre_frequency_hz=frequency_hz, frame=_frame_of_plan(reading)
+    )
 
 
 def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: VehicleFile) -> RecordedTracks:
@@ -294,6 +297,15 @@ def _records(reading: RunReading) -> Iterator[Record]:
         record = read_run_record(data)
         if record is not None:
             yield record
+
+
+def _frame_of_plan(reading: RunReading) -> LocalFrame | None:
+    """The frame that the run was driven in; ``None`` of one that only recorded."""
+    for record in _records(reading):
+        if record.kind is RecordKind.HEADER and record.source is Source.CONTROL:
+            anchor = json.loads(record.payload).get("frame")
+            return None if anchor is None else LocalFrame(*anchor)
+    return None
 
 
 def _frame_of(reading: RunReading, config: RuntimeConfig) -> LocalFrame:

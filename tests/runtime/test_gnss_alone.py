@@ -18,13 +18,13 @@ from lgprjax.runtime.control.setup import load
 from lgprjax.simulation.devices.world import CourseWorld
 from refusals import refused
 
-_FASTER: list[dict[str, Any]] = [
+FASTER: list[dict[str, Any]] = [
     {"after": {"mode": 4, "for_s": 1.0 + 0.7 * number}, "do": "press", "button": "plus", "for_s": 0.3}
     for number in range(9)
 ]
 
 
-def _by_rtk(config: RuntimeConfig, folder: Path, *, with_map: bool, k: float = 0.6291658661973804) -> RuntimeConfig:
+def by_rtk(config: RuntimeConfig, folder: Path, *, with_map: bool, k: float = 0.6291658661973804) -> RuntimeConfig:
     """The course's configuration with a receiver that wanders by 2 cm, and a vehicle of that k."""
     text = config.path(config.vehicle).read_text(encoding="utf-8").partition("[found.")[0]
     text = text.replace("gnss_error_sigma_m = 0.3", "gnss_error_sigma_m = 0.02")
@@ -46,11 +46,11 @@ def _tracking_m(loop: OnboardLoop) -> np.ndarray:
 
 
 @pytest.mark.parametrize("k", [0.63, 0.0])
-def test_a_course_is_driven_by_rtk_alone_at_full_speed(
+def test_a_course_is_drivenby_rtk_alone_at_full_speed(
     world: CourseWorld, config: RuntimeConfig, tmp_path: Path, k: float
 ) -> None:
-    alone = _by_rtk(config, tmp_path, with_map=False, k=k)
-    script = [*DRIVE, *_FASTER]
+    alone = by_rtk(config, tmp_path, with_map=False, k=k)
+    script = [*DRIVE, *FASTER]
     loop = OnboardLoop(world, alone, load(alone), script, [], fixes=False, gnss_slow_m=0.02, vehicle={"rear": k})
     assert loop.run(80.0, until=lambda at: at.mode is Mode.MANUAL), loop.events
     rows = np.array(loop.rows)
@@ -66,9 +66,9 @@ def test_a_course_is_driven_by_rtk_alone_at_full_speed(
 def test_gnss_that_falls_silent_stops_a_vehicle_without_lgpr(
     world: CourseWorld, config: RuntimeConfig, tmp_path: Path
 ) -> None:
-    alone = _by_rtk(config, tmp_path, with_map=False)
+    alone = by_rtk(config, tmp_path, with_map=False)
     faults = [{"kind": "gnss_off", "at_way_m": 40.0}]
-    loop = OnboardLoop(world, alone, load(alone), [*DRIVE, *_FASTER], faults, fixes=False, gnss_slow_m=0.02)
+    loop = OnboardLoop(world, alone, load(alone), [*DRIVE, *FASTER], faults, fixes=False, gnss_slow_m=0.02)
     assert loop.run(50.0, until=lambda at: at.mode is Mode.MANUAL)
     assert any("STOP_CONTROLLED" in event for _, event in loop.events)
     reasons = np.array([int(row["reasons"]) for row in loop.rows])
@@ -87,8 +87,8 @@ def test_lgpr_joins_and_leaves_without_a_jolt(
     world: CourseWorld, config: RuntimeConfig, tmp_path: Path, apart_m: float
 ) -> None:
     """Map and receiver differ by ``apart_m`` to the side: fixes come for ten seconds and go again."""
-    by_both = _by_rtk(config, tmp_path, with_map=True)
-    loaded, script = load(by_both), [*DRIVE, *_FASTER]
+    by_both = by_rtk(config, tmp_path, with_map=True)
+    loaded, script = load(by_both), [*DRIVE, *FASTER]
     drive = partial(OnboardLoop, world, by_both, loaded, script, [], gnss_slow_m=0.02)
     joins_s, leaves_s = 24.0, 34.0
     loop = drive(

@@ -23,6 +23,17 @@ PATH = [[60.0 + 0.6 * i, 10.0 + 12.0 * math.sin((0.6 * i - 40.0) / 25.0)] for i 
 YAW_RAD = math.atan(12.0 / 25.0)
 PLACE: dict[str, Any] = {"path": PATH, "pose": [100.0, 10.0, YAW_RAD], "gnss_pose": [101.2, 11.1, YAW_RAD]}
 REFUSED = READY | PLACE | {"refusal": "OFF_ROUTE", "refusal_text": "the vehicle is 14 m beside the route"}
+_LOOP = [[100.0 + 25.0 * math.cos(0.1 * i), 30.0 + 20.0 * math.sin(0.1 * i)] for i in range(-10, 25)]
+TWICE = READY | PLACE | {
+    "refusal": "AMBIGUOUS",
+    "refusal_text": "the route passes here more than once",
+    "places": [
+        {"place": "66.2 m along", "to_go_m": 345.8, "ahead": PATH[66:110]},
+        {"place": "231.0 m along", "to_go_m": 181.0, "ahead": _LOOP},
+    ],
+    "taken": None,
+}  # fmt: skip
+ALONE = READY | PLACE | {"lgpr": False, "bounded_by": ["GNSS"], "sigma_cross_m": 0.021, "places": []}
 ERROR = DRIVING | PLACE | {
     "mode": "ERROR",
     "faults": ["DRIVE_BY_WIRE"],

@@ -220,6 +220,12 @@ class ControlCore:
             if self._after_death:
                 self._tell(Event.CONTROL_RELAUNCHED, now_ns)
         for event in events:
+            # Before anything is engaged the cruise buttons choose between several places on the route.
+            by = {Event.CRUISE_PLUS: 1, Event.CRUISE_MINUS: -1}.get(event, 0)
+            request = self.kind.next_place(by) if by and not self.modes.engage & (STEERING | PEDALS) else None
+            if request is not None:
+                self._choose(request, now_ns)
+                continue
             unread = [text for text in self.kind.warnings() if text in _OVERRIDE_UNREAD]
             self._tell(event, now_ns, why=unread if event is Event.OVERRIDE_ASSUMED else None)
         self._run_checks(now_ns)
@@ -262,7 +268,7 @@ class ControlCore:
                 if "select_level" in asked:
                     self._event(now_ns, level_event(asked["select_level"]))
                 else:
-                    self._choose(str(asked.get("select_route")), now_ns)
+                    self._choose(asked, now_ns)
 
     def _learn_cut(self, frame: Frame) -> None:
         """Power that the box keeps cut since before a relaunch stays cut."""
@@ -270,12 +276,13 @@ class ControlCore:
             self._box_unheard = False
             self.modes.engage |= int(frame.number("engaged")) & CUT
 
-    def _choose(self, name: str, now_ns: int) -> None:
-        """Select another route: only while the operator drives."""
+    def _choose(self, request: dict[str, Any], now_ns: int) -> None:
+        """Select another route, or another place on it: only while the operator drives."""
+        name, place = str(request.get("select_route")), str(request.get("place", ""))
         if self.modes.engage & (STEERING | PEDALS):
             self._event(now_ns, {"refused": "route", "why": "routes are chosen only while the operator drives"})
-        elif self.kind.choose(name):
-            self._event(now_ns, {"route": name})
+        elif self.kind.choose(name, place):
+            self._event(now_ns, {"route": name, **({"place": place} if place else {})})
         else:
             self._event(now_ns, {"refused": "route", "why": f"no drivable route: {name[:80]}"})
 

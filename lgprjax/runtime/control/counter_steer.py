@@ -1,10 +1,12 @@
 """The counter-steered vehicle in the control loop: driven along a route by LGPR, GNSS and INS."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from lgprjax.autopilot import Check, Event, Limited, OnboardState
 from lgprjax.autopilot.monitors import REFUSING, SEVERITY, BoxState, Severity, Watch, describe
@@ -14,6 +16,7 @@ from lgprjax.run_records import PLAN, POSE, PRIOR, Record, RecordKind, fix_row
 from lgprjax.runtime.config import ControlTable, RuntimeConfig, SensorsTable
 from lgprjax.runtime.control.compiled import (
     FOLLOWED,
+    FoundPlaces,
     TickNumbers,
     TickResult,
     acquire_compiled,
@@ -22,6 +25,7 @@ from lgprjax.runtime.control.compiled import (
     step_compiled,
 )
 from lgprjax.runtime.control.modes import CUT, PEDALS, CheckItem
+from lgprjax.runtime.control.places import APART_M, Place, line_of, same_place, starts_of
 from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Sensed, Senses
 from lgprjax.runtime.control.setup import TICK_S, LaidRoute, Loaded
 from lgprjax.runtime.control.vehicle_kind import (
@@ -57,6 +61,7 @@ class Panel:
             {"name": route.name, "length_m": round(route.length_m, 1), "problem": route.problem or None}
             for route in routes
         ]
+        self._lines = [line_of(route.path) for route in routes]
         self._codes: list[tuple[int, bool]] = []
         self._decided = self._searched = -_OLD_TICKS
         self._shown = -1
@@ -74,13 +79,14 @@ class Panel:
             return
         self.code, self.correlation = Code(code).name.lower(), correlation
 
-    def state(self, tick: int, route: int, result: TickResult) -> dict[str, Any]:
+    def state(self, tick: int, route: int, result: TickResult, places: Sequence[Place] = ()) -> dict[str, Any]:
         """Display state of a tick, in addition to the modes.
 
         Args:
             tick: its number.
             route: number of the chosen one.
             result: numbers of the step.
+            places: where the operator chooses between several.
         """
         self._codes = [known for known in self._codes if known[0] > tick - 500]
         share = sum(good for _, good in self._codes) / len(self._codes) if self._codes else None
@@ -110,6 +116,11 @@ class Panel:
             "throttle": result.throttle,
             "brake": result.brake,
         }
+        line = self._lines[route]
+        if line is not None:
+            # In the order along the route: a letter keeps its place while the vehicle moves.
+            ordered = sorted(places, key=lambda place: (place.at_m, place.travel))
+            state["places"] = [{"place": place.words, **line.ahead(place)} for place in ordered]
         if route != self._shown or tick - self._path_tick >= 100:
             self._shown, self._path_tick = route, tick
             state["path"] = self._routes[route].points
@@ -119,6 +130,8 @@ class Panel:
 # The compiled step: its state, the chosen route, and the vehicle's place on it.
 
 _SEARCH_TICKS = 25
+_KEPT_M = 50.0
+"""Way by hand after which a place of several is chosen anew."""
 _UNSURE_RAD = math.radians(5.0)
 """A heading that its receiver states less surely is none."""
 _NOTHING = TickResult(*[math.nan] * len(TickResult._fields))
@@ -154,6 +167,8 @@ class Pilot:
         route: number of the chosen one.
         on_route: the planner has a place on it.
         code: of the plan, or of the last search for a place.
+        places: where the vehicle may be on the route, of the last search; begun: the one that was taken of several,
+            until it is noted.
     """
 
     def __init__(self, loaded: Loaded, control: ControlTable, sensors: SensorsTable) -> None:
@@ -166,6 +181,16 @@ class Pilot:
         self.route = next(number for number, route in enumerate(loaded.routes) if route.path is not None)
         self.on_route = False
         self.code = PlanCode.LOST
+        self.places: list[Place] = []
+        self.begun: Place | None = None
+        self._known: Place | None = None
+        self._left_m = 0.0
+        self._starts_m = [starts_of(route.path) for route in self._routes]
+
+    @property
+    def place(self) -> Place | None:
+        """The place on the chosen route; ``None`` while it is not known."""
+        return self._known if self.on_route else None
 
     @property
     def started(self) -> bool:
@@ -190,7 +215,7 @@ class Pilot:
             for _ in range(2):
                 for _ in range(2):
                     state, row = step_compiled(self._setup, route.path, state, numbers, fusion=self._fusion)
-                state, found = acquire_compiled(self._setup, route.path, state, np.zeros(3, np.float32))
+                state, found = acquire_compiled(self._setup, route.path, state, np.zeros(3, np.float32), np.int32(-1))
             jax.block_until_ready((row, found))
 
     def start(self, place: LocalPosition, attitude: LocalAttitude, front_rad: float) -> None:
@@ -204,13 +229,24 @@ class Pilot:
         front = front_rad if math.isfinite(front_rad) else 0.0
         self._state = start_compiled(self._setup, pose, np.float32(0.0), np.float32(front))
 
-    def choose(self, name: str) -> bool:
-        """Another route by its name; whether it can be driven."""
+    def choose(self, name: str, place: str) -> bool:
+        """Another route by its name, or another place on it; whether they can be driven."""
+        known = Place.of_words(place)
         for number, route in enumerate(self._routes):
-            if route.name == name and route.path is not None:
-                self.route, self.on_route, self.code, self._searched = number, False, PlanCode.LOST, 0
+            if route.name == name and route.path is not None and (known is not None or not place):
+                self.route, self._known, self._left_m = number, known, 0.0
+                self.leave()
                 return True
         return False
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """The request for the next of several places; ``None`` where there are no others."""
+        if len(self.places) < 2:
+            return None
+        places = sorted(self.places, key=lambda place: (place.at_m, place.travel))
+        now = same_place(places, self.place)
+        at = places.index(now) + by if now is not None else min(by, 0)
+        return {"select_route": self._routes[self.route].name, "place": places[at % len(places)].words}
 
     def step(self, sensed: Sensed, ordered: Ordered, now_ns: int) -> TickResult:
         """Run a tick; without effect before there is a pose."""
@@ -222,7 +258,15 @@ class Pilot:
         if self.on_route:
             self.code = PlanCode(int(self.result.code))
             self.on_route = int(self.code) in FOLLOWED
-        elif not ordered.steering_engaged:
+            self._known = self._place(-1, self.result.leg, self.result.arc_m, self.result.travel)
+            self._left_m = 0.0
+        elif self._known is not None and math.isfinite(self.result.speed_mps):
+            # While the operator drives, the place goes on with the vehicle; after a while it is known no more.
+            way_m = self.result.speed_mps * sensed.step_s
+            self._known = self._known._replace(at_m=self._known.at_m + self._known.travel * way_m)
+            self._left_m += abs(way_m)
+            self._known = self._known if self._left_m < _KEPT_M else None
+        if not ordered.steering_engaged:
             self._search()
         return self.result
 
@@ -237,10 +281,29 @@ class Pilot:
             return
         here = self.result
         pose = np.array([here.x_m, here.y_m, here.yaw_rad], np.float32)
-        self._state, row = acquire_compiled(self._setup, self.path, self._state, pose)
-        # Converted as a whole: each element access on a device array is a program of its own.
-        self.code = PlanCode(int(np.asarray(row)[0]))
+        state, found = self._found(pose, -1)
+        places = [self._place(number, *each) for number, each in enumerate(zip(*found[1:4], strict=True))]
+        self.places = []
+        for place in (each for each, possible in zip(places, found.possible, strict=True) if possible > 0.5):
+            if all(abs(place.at_m - other.at_m) > APART_M for other in self.places):
+                self.places.append(place)
+        if self.on_route:
+            return
+        known = same_place(self.places, self._known) if found.code[0] == PlanCode.AMBIGUOUS else None
+        if known is not None:
+            state, found = self._found(pose, known.number)
+            self.begun = known
+        self._state, self.code = state, PlanCode(int(found.code[0]))
         self.on_route = self.code is PlanCode.FOLLOWING
+
+    def _found(self, pose: Float[np.ndarray, " 3"], number: int) -> tuple[OnboardState, FoundPlaces]:
+        assert self._state is not None
+        state, row = acquire_compiled(self._setup, self.path, self._state, pose, np.int32(number))
+        # Converted as a whole: each element access on a device array is a program of its own.
+        return state, FoundPlaces(*np.asarray(row))
+
+    def _place(self, number: int, leg: float, arc_m: float, travel: float) -> Place:
+        return Place(number, float(self._starts_m[self.route][int(leg)] + arc_m), 1 if travel > 0.0 else -1)
 
     def _numbers(self, sensed: Sensed, ordered: Ordered, now_ns: int) -> TickNumbers:
         known = self._sensors
@@ -588,9 +651,12 @@ class CounterSteer:
 
     def state(self, tick: int) -> dict[str, Any]:
         """State for the display."""
+        taken = same_place(self._offered, self.pilot.place)
         return {
-            **self._panel.state(tick, self.pilot.route, self.pilot.result),
+            **self._panel.state(tick, self.pilot.route, self.pilot.result, self._offered),
             "limit_mps": math.nan if self.speed_control else self.pilot.result.wanted_mps,
+            "place": None if self.pilot.place is None else self.pilot.place.words,
+            "taken": None if taken is None else taken.words,
             "look_ahead_m": self.pilot.result.look_ahead_m,
             "torque_share": self._watches.torque_share,
         }
@@ -612,8 +678,9 @@ class CounterSteer:
         return [*words, *(reason_words(degrading(result)) if result.reaction == Reaction.DEGRADE else [])]
 
     def notes(self) -> list[dict[str, Any]]:
-        """None."""
-        return []
+        """The place on the route that was taken of several."""
+        begun, self.pilot.begun = self.pilot.begun, None
+        return [] if begun is None else [{"place": begun.words}]
 
     def release(self, engage: int) -> OutgoingFrame:
         """The last command of all."""
@@ -623,9 +690,18 @@ class CounterSteer:
         """The operator drives."""
         self.pilot.leave()
 
-    def choose(self, name: str) -> bool:
-        """Another route."""
-        return self.pilot.choose(name)
+    def choose(self, name: str, place: str) -> bool:
+        """Another route, or another place on it."""
+        return self.pilot.choose(name, place)
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """Of the places where the vehicle may be."""
+        return self.pilot.next_place(by)
+
+    @property
+    def _offered(self) -> list[Place]:
+        """Places to choose between: none while one is driven from."""
+        return self.pilot.places if len(self.pilot.places) > 1 and not self._sent.engage else []
 
     def _age_s(self, sensed: LocalPosition | LocalAttitude | None) -> float:
         return math.inf if sensed is None else (self._now_ns - sensed.time_ns) / 1e9

@@ -20,7 +20,7 @@ from lgprjax.runtime.choices import Choices
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
 from lgprjax.runtime.control.record import RecordCore
-from lgprjax.runtime.control.setup import TICK_S
+from lgprjax.runtime.control.setup import TICK_S, Loaded
 from lgprjax.runtime.control.skid.setup import SkidLoaded, place_after_death
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.port import Arrival, Port
@@ -202,6 +202,9 @@ def header_record(
         "after_death": after_death,
         "pid": os.getpid(),
     }
+    if isinstance(loaded, Loaded):
+        frame = loaded.frame
+        header["frame"] = [frame.latitude_deg, frame.longitude_deg, frame.height_m]
     machine = getattr(loaded, "machine", "")
     if machine:
         header["machine"] = machine

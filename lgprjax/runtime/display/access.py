@@ -117,12 +117,14 @@ def _cookies(headers: Headers) -> Iterable[str]:
             yield cookie.value
 
 
-# Messages of a page over its websocket: requests for another route, or another level of confidence.
+# Messages of a page over its websocket: requests for another route, another place on it, or a level of confidence.
 
 LARGEST_BYTES = 1024
 MOST_A_SECOND = 5
 LONGEST_NAME = 200
-_KEYS = ({"session", "number", "select_route"}, {"session", "number", "select_level"})
+_WANTED = ({"select_route"}, {"select_route", "place"}, {"select_level"})
+Wanted = dict[str, Any]
+"""What is requested: names, or a level of confidence."""
 _LARGEST_NUMBER = 2**53  # largest exact integer of a browser
 
 
@@ -150,8 +152,9 @@ class RequestGate:
         self._number = 0
         self._times: deque[int] = deque(maxlen=MOST_A_SECOND)
 
-    def judge(self, message: str | bytes | None, mono_ns: int) -> str | float | Refused:
-        """The name of the requested route, the requested level, or why the message is refused.
+    def judge(self, message: str | bytes | None, mono_ns: int) -> Wanted | Refused:
+        """The requested route, ``select_route``, and the ``place`` on it if given, or the requested level of confidence,
+        ``select_level``; or why the message is refused.
 
         Args:
             message: text; bytes are refused.
@@ -171,23 +174,23 @@ class RequestGate:
             return Refused.NOT_JSON
         return self._request(said)
 
-    def _request(self, said: Any) -> str | float | Refused:
-        if not isinstance(said, dict) or said.keys() not in _KEYS:
+    def _request(self, said: Any) -> Wanted | Refused:
+        if not isinstance(said, dict) or said.keys() - {"session", "number"} not in _WANTED:
             return Refused.NOT_A_REQUEST
-        session, number, wanted = said["session"], said["number"], said.get("select_route", said.get("select_level"))
+        wanted: Wanted = {key: value for key, value in said.items() if key not in ("session", "number")}
+        session, number = said.get("session"), said.get("number")
         if type(session) is not str or type(number) is not int or not 0 < number < _LARGEST_NUMBER:
             return Refused.NOT_A_REQUEST
-        if type(wanted) is not (str if "select_route" in said else float):
+        if any(type(value) is not (float if key == "select_level" else str) for key, value in wanted.items()):
             return Refused.NOT_A_REQUEST
-        if isinstance(wanted, str) and not 0 < len(wanted) <= LONGEST_NAME:
+        if any(isinstance(value, str) and not 0 < len(value) <= LONGEST_NAME for value in wanted.values()):
             return Refused.NOT_A_REQUEST
         if session != self._session:
             return Refused.SESSION
         if number <= self._number:
             return Refused.REPEATED
         self._number = number
-        asked: str | float = wanted
-        return asked
+        return wanted
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

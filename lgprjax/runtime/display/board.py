@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 from lgprjax.run_records import RecordKind, unpack
+from lgprjax.runtime.display.access import Wanted
 from lgprjax.runtime.radargram import LiveColumns
 
 STALE_NS = 500_000_000
@@ -99,24 +100,24 @@ class Board:
             said["worked"] = self._worked
         return json.dumps(said, allow_nan=False, separators=(",", ":"))
 
-    def obstacle(self, wanted: str | float, mono_ns: int) -> str | None:
+    def obstacle(self, wanted: Wanted, mono_ns: int) -> str | None:
         """Why something cannot be requested now; ``None`` if it can. The control process decides again.
 
         Args:
-            wanted: name of a route, or a level of confidence.
+            wanted: by the page; see ``RequestGate.judge``.
             mono_ns: monotonic time now.
         """
         if self._state is None or mono_ns - self._state_ns > STALE_NS:
             return "no data from the vehicle"
-        if isinstance(wanted, float):
+        if "select_level" in wanted:
             levels = {} if self._worked is None else self._worked.get("levels")
-            return None if isinstance(levels, list) and wanted in levels else "no such level"
+            return None if isinstance(levels, list) and wanted["select_level"] in levels else "no such level"
         mode = self._state.get("mode")
         if not isinstance(mode, str) or mode in ENGAGED:
             return "routes are chosen before automatic steering"
         routes = self._state.get("routes")
         for route in routes if isinstance(routes, list) else []:
-            if isinstance(route, dict) and route.get("name") == wanted:
+            if isinstance(route, dict) and route.get("name") == wanted["select_route"]:
                 return None if route.get("problem") is None else f"the route cannot be driven: {route['problem']}"
         return "no such route"
 

@@ -11,6 +11,7 @@ import numpy as np
 from runtime.display.browser import Tab
 from runtime.display.served_page import BROKEN, DRIVING, READY, ServedPage, serve
 from validation.loops.browsed_page import (
+    ALONE,
     ERROR,
     FIELD,
     OPEN_FIELD,
@@ -18,6 +19,7 @@ from validation.loops.browsed_page import (
     OPEN_WORKED,
     PLACE,
     SIZES,
+    TWICE,
     WORKED,
     check_plan,
     everything_is_shown,
@@ -91,6 +93,28 @@ def test_a_route_is_chosen_and_nothing_else(served: ServedPage, tab: Tab) -> Non
     served.show(READY | PLACE | {"route": "quarry", "path": None})
     tab.wait_for("document.querySelector('[aria-pressed=true]').textContent.includes('quarry')")
     assert served.requests() == [{"select_route": "quarry"}]
+
+
+def test_a_place_is_chosen_where_the_route_passes_twice(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, TWICE)
+    everything_is_shown(tab, SIZES[0])
+    assert "2 times" in tab.text("#route-title")
+    assert all(each in tab.text("#route-list") for each in ("A: 66.2 m along", "B: 231.0 m along", "346 m", "181 m"))
+    picture(tab, "places")
+    served.requests()
+    tab.evaluate("document.querySelectorAll('#route-list button')[1].click()")
+    tab.wait_for("document.getElementById('answer').textContent === ''")
+    served.show(TWICE | {"taken": "231.0 m along"})
+    tab.wait_for("document.querySelector('#route-list [aria-pressed=true]').textContent.includes('B: 231.0')")
+    assert served.requests() == [{"select_route": "meadow", "place": "231.0 m along"}]
+
+
+def test_without_a_map_the_page_shows_how_well_gnss_knows_the_place(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, ALONE)
+    everything_is_shown(tab, SIZES[0])
+    assert (tab.text("#correlation-title"), tab.text("#correlation")) == ("Position", "2.1 cm")
+    assert "GNSS/INS alone" in tab.text("#share")
+    picture(tab, "gnss")
 
 
 def test_names_are_text(served: ServedPage, tab: Tab) -> None:

@@ -457,10 +457,14 @@ class SkidSteerVehicle:
     def leave(self) -> None:
         """Engaged again, it continues where it left its route."""
 
-    def choose(self, name: str) -> bool:
+    def choose(self, name: str, place: str) -> bool:
         """There are no routes to select."""
-        del name
+        del name, place
         return False
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """A plan has one place for a vehicle."""
+        del by
 
     def _found(self) -> SkidFound:
         """Findings of the watches and of the last step."""

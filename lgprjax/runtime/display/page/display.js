@@ -1,6 +1,6 @@
 // The operator's page: shows what the control process says, and says loudly when it says nothing.
 
-import { drawPlan, frame, points } from "./plan.js";
+import { LETTERS, drawPlan, frame, placesOf, points } from "./plan.js";
 import { MANOEUVRE_MODES, cartWords, commandWords, drawColumn, lineWords, promptWords, radarWords } from "./record.js";
 import { FIELD_MODES, claimWords, computedCorner, drawToolPicture, fieldWords, isOpen, shapeOf, toolWords } from "./field.js";
 
@@ -249,23 +249,33 @@ function showFigures() {
 function showRoutes(engaged) {
   const routes = (Array.isArray(state.routes) ? state.routes : []).filter((r) => r && typeof r.name === "string");
   const shown = engaged ? routes.filter((r) => r.name === state.route) : routes;
-  tell("route-title", engaged ? "Route" : "Choose a route");
-  const all = JSON.stringify([shown, state.route, engaged]);
+  const places = engaged ? [] : placesOf(state);
+  tell("route-title", engaged ? "Route" : places.length ? `The route passes here ${places.length} times: choose` : "Choose a route");
+  const all = JSON.stringify([shown, state.route, engaged, places.map((p) => [p.place, Math.round(p.to_go_m)]), state.taken]);
   if (at("route-list").dataset.all === all) return;
   at("route-list").dataset.all = all;
-  at("route-list").replaceChildren(...shown.map((route) => {
-    const button = document.createElement("button");
-    const name = document.createElement("span"), more = document.createElement("em");
-    name.textContent = `${route.name === state.route ? "●\u00a0" : "○\u00a0"}${routeName(route.name)}`;
+  at("route-list").classList.toggle("two", places.length > 0);
+  at("route-list").replaceChildren(...places.map((place, at_) => choice(place.place === state.taken,
+    `${LETTERS[at_]}: ${place.place}`, `${Math.round(place.to_go_m)} m to go`, () => ask({ select_route: state.route, place: place.place }))),
+  ...shown.map((route) => {
+    const more = route.problem ? fileName(String(route.problem)) : isNumber(route.length_m) ? `${Math.round(route.length_m)} m` : "";
+    const button = choice(route.name === state.route, routeName(route.name), more, () => ask({ select_route: route.name }));
     button.title = route.name;
-    more.textContent = route.problem ? fileName(String(route.problem)) : isNumber(route.length_m) ? `${Math.round(route.length_m)} m` : "";
-    button.append(name, more);
-    button.type = "button";
     button.disabled = engaged || Boolean(route.problem);
-    button.setAttribute("aria-pressed", String(route.name === state.route));
-    button.addEventListener("click", () => ask({ select_route: route.name }));
     return button;
   }));
+}
+
+function choice(chosen, text, moreText, act) {
+  const button = document.createElement("button");
+  const name = document.createElement("span"), more = document.createElement("em");
+  name.textContent = `${chosen ? "●\u00a0" : "○\u00a0"}${text}`;
+  more.textContent = moreText;
+  button.append(name, more);
+  button.type = "button";
+  button.setAttribute("aria-pressed", String(chosen));
+  button.addEventListener("click", act);
+  return button;
 }
 
 function showFoot() {

@@ -105,6 +105,30 @@ function drawPath(pen, path, place, ink, width) {
   pen.stroke();
 }
 
+// Where the route passes here several times: how it goes on from each place, with the letters of the list.
+export const LETTERS = "ABCDEFGH";
+export const placesOf = (state) => (Array.isArray(state.places) ? state.places : []).filter(
+  (p) => p && typeof p.place === "string" && number(p.to_go_m)).slice(0, LETTERS.length);
+
+function drawPlaces(pen, state, place, colour) {
+  placesOf(state).forEach((each, at) => {
+    const ahead = points(each.ahead);
+    if (!ahead.length) return;
+    pen.setLineDash([14, 6 + 8 * at]);
+    drawPath(pen, ahead, place, colour("--vehicle"), each.place === state.taken ? 9 : 4);
+    pen.setLineDash([]);
+    const [x, y] = place(...ahead[ahead.length - 1]);
+    pen.fillStyle = colour("--paper");
+    pen.beginPath();
+    pen.arc(x, y, 13, 0, 2 * Math.PI);
+    pen.fill();
+    pen.fillStyle = colour("--ink");
+    pen.font = "bold 18px sans-serif";
+    pen.textAlign = "center";
+    pen.fillText(LETTERS[at], x, y + 6);
+  });
+}
+
 function drawVehicle(pen, at, heading, ink) {
   pen.save();
   pen.translate(...at);
@@ -147,7 +171,9 @@ export function drawPlan(canvas, state, path, vehicleUp, worked, shape, engaged)
   // Angles of the canvas run clockwise, yaw runs counter-clockwise from east.
   const turn = vehicleUp ? centre[2] - Math.PI / 2 : 0;
   const whole = state.field && !engaged ? overview(state.field, path, worked, vehicle, turn, width, height) : null;
-  const px_m = whole ? whole.px_m : Math.min(width, height) / 2 / halfWidth(path, centre);
+  const ahead = engaged ? [] : placesOf(state).flatMap((each) => points(each.ahead));
+  const reach_m = 1.15 * Math.max(0, ...ahead.map(([x, y]) => Math.hypot(x - centre[0], y - centre[1])));
+  const px_m = whole ? whole.px_m : Math.min(width, height) / 2 / Math.max(halfWidth(path, centre), reach_m);
   const middle = whole ? whole.middle : centre;
   const place = (x, y) => {
     const east = x - middle[0], north = y - middle[1];
@@ -157,6 +183,7 @@ export function drawPlan(canvas, state, path, vehicleUp, worked, shape, engaged)
   };
   if (state.field) drawField(pen, state.field, worked, place, colour);
   drawPath(pen, path, place, colour("--path"), state.field ? 2 : 5);
+  if (!engaged) drawPlaces(pen, state, place, colour);
   const named = state.field ? drawOrder(pen, worked, place, colour, engaged) : { reverse: false, corner: false };
   let times = null;
   if (vehicle) {
