@@ -13,8 +13,9 @@ _STATES_A_SECOND = 10
 
 
 class Choices:
-    """Events of a run that hold until there is another one: the route and the level chosen, the anchor of the frame; and
-    the place on the route that the vehicle has come to.
+    """Events of a run that hold until there is another one: the route and the level chosen, the anchor of the frame.
+
+    Kept with the route: the place on it that the vehicle has come to.
 
     Args:
         rings: folder of the rings, in memory: it outlives every process, and no slow disk delays a tick.

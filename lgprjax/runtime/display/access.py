@@ -153,8 +153,9 @@ class RequestGate:
         self._times: deque[int] = deque(maxlen=MOST_A_SECOND)
 
     def judge(self, message: str | bytes | None, mono_ns: int) -> Wanted | Refused:
-        """The requested route, ``select_route``, and the ``place`` on it if given, or the requested level of confidence,
-        ``select_level``; or why the message is refused.
+        """What is requested, or why the message is refused.
+
+        A route, ``select_route``, with the ``place`` on it if given; or a level of confidence, ``select_level``.
 
         Args:
             message: text; bytes are refused.
