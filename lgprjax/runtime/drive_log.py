@@ -105,11 +105,11 @@ def drive_of_run(
     if calibration is None and config.radar.calibration is not None:
         calibration = config.path(config.radar.calibration)
     if not config.map:
-        calibrates = config.mode == "calibrate" and vehicle is not None
+        measured = config.mode == "calibrate"
         return write_run_drive(
             reading,
             output,
-            source=(measured_tracks if calibrates else recorded_tracks)(reading, config, vehicle),
+            source=measured_tracks(reading, config, vehicle) if measured else recorded_tracks(reading, config, vehicle),
             vehicle=vehicle,
             position_sigma_m=sigma_m,
             calibration=calibration,
@@ -168,7 +168,7 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
     )
 
 
-def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: VehicleFile) -> RecordedTracks:
+def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: VehicleFile | None) -> RecordedTracks:
     """Poses of the body origin at the receiver's own positions, not smoothed: their errors are those that it states.
 
     Fits of a calibration weigh measurements by their errors; smoothed poses share theirs.
@@ -184,7 +184,8 @@ def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
     if reading.clock is None:
         raise InputError(reading.folder, "segments", "a complete segment header, or run.json", "neither")
     sensed = _Sensed.of(reading, config)
-    sensors, lever = config.sensors, (vehicle.navigation.gnss_x_m or 0.0, vehicle.navigation.gnss_y_m or 0.0)
+    table = None if vehicle is None else vehicle.navigation
+    sensors, lever = config.sensors, (0.0, 0.0) if table is None else (table.gnss_x_m or 0.0, table.gnss_y_m or 0.0)
     placed_ns = np.array([place.time_ns for place in sensed.places], np.int64)
     turned_ns = np.array([each.time_ns for each in sensed.attitudes], np.int64)
     yaw, near = np.zeros(len(placed_ns)), np.zeros(len(placed_ns), bool)

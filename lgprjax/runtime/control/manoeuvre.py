@@ -49,7 +49,7 @@ from lgprjax.formats import VehicleFile, read_vehicle, with_values
 from lgprjax.navigation import Reaction
 from lgprjax.run_records import PLAN, Record, RecordKind
 from lgprjax.runtime.config import CalibrationTable, RuntimeConfig
-from lgprjax.runtime.control.compiled import as_vector
+from lgprjax.runtime.control.compiled import as_vector, named_numbers
 from lgprjax.runtime.control.manoeuvre_programs import LEAST_BRAKING_MPS2, PedalProgram, SteeringProgram
 from lgprjax.runtime.control.modes import PEDALS, STEERING, CheckItem
 from lgprjax.runtime.control.senses import BoxStatus, LocalPosition, Sensed, Senses, wheel_belief
@@ -98,6 +98,8 @@ _PEDALS = PedalsBelief(_PEDAL, _PEDAL, rolling_mps2=0.0, drag_per_s=0.0)
 
 
 class _Numbers(NamedTuple):
+    """Plain numbers into the compiled limiter."""
+
     front_rad: float
     throttle: float
     brake: float
@@ -110,11 +112,11 @@ class _Numbers(NamedTuple):
 
 @jax.jit
 def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[LimiterState, Float[Array, " result"]]:
-    told = _Numbers(*numbers)
+    told, yes = named_numbers(_Numbers, numbers)
     measured = jnp.where(jnp.isfinite(told.measured_rad), told.measured_rad, 0.0)
-    held = jax.tree.map(lambda on, off: jnp.where(told.engaged > 0.5, on, off), state, init_limiter(measured))
-    wanted = Command(jnp.where(told.engaged > 0.5, told.front_rad, measured), told.throttle, told.brake)
-    rules = _RULES._replace(largest_front_rad=jnp.where(told.engaged > 0.5, told.largest_rad, jnp.inf))
+    held = jax.tree.map(lambda on, off: jnp.where(yes.engaged, on, off), state, init_limiter(measured))
+    wanted = Command(jnp.where(yes.engaged, told.front_rad, measured), told.throttle, told.brake)
+    rules = _RULES._replace(largest_front_rad=jnp.where(yes.engaged, told.largest_rad, jnp.inf))
     state, command, bits = limit_command(rules, held, wanted, told.age_s, told.step_s)
     return state, jnp.stack([*command, bits.astype(jnp.float32)])
 
@@ -406,10 +408,15 @@ class ManoeuvreKind:
         if not self._pedals.dead:
             self._pedals.trouble = ""
 
-    def choose(self, name: str) -> bool:
+    def choose(self, name: str, place: str) -> bool:
         """There is no route."""
-        del name
+        del name, place
         return False
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """There are no places."""
+        del by
+        return None
 
     @property
     def _share(self) -> float:

@@ -331,7 +331,7 @@ class Senses(LineSenses):
         level: see ``GnssSenses``.
     """
 
-    def __init__(self, frame: LocalFrame, sensors: SensorsTable, *, level: bool = False) -> None:
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, *, level: bool = False) -> None:
         super().__init__(frame, sensors, "drive_status", level=level)
         self.fix: np.void | None = None
         self.travel_m = 0.0

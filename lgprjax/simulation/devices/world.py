@@ -66,7 +66,7 @@ class CourseWorld:
         self.laid: Laid = lay_course(spec)
         if level:
             flat = jax.tree.map(np.zeros_like, self.laid.terrain[:3])
-            self.laid = self.laid._replace(terrain=Terrain(*flat, direction=self.laid.terrain.direction))
+            self.laid = self.laid._replace(terrain=Terrain(flat[0], flat[1], flat[2], self.laid.terrain.direction))
         self.frame: SceneFrame = scene_frame_of(local)
         poses = baseline_poses(self.laid)
         self._axle_m, self._axle_yaw = self.frame.to_map(poses[:, :2]), poses[:, 3] - self.frame.turn_rad

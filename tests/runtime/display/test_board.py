@@ -80,21 +80,24 @@ def test_what_is_no_state_is_counted_and_changes_nothing() -> None:
 
 
 def test_a_route_is_chosen_by_its_name_before_the_vehicle_steers_and_while_there_is_data() -> None:
-    assert board_of(READY).obstacle("quarry", NOW_NS) is None
-    assert board_of(READY).obstacle("quarry", NOW_NS + 500_000_000) is None
+    assert board_of(READY).obstacle({"select_route": "quarry"}, NOW_NS) is None
+    assert board_of(READY).obstacle({"select_route": "quarry"}, NOW_NS + 500_000_000) is None
     steering = [DRIVING, DRIVING | {"mode": "STEERING"}, READY | {"mode": None}]
     no_names: list[Any] = [None, [None, 7, {}]]
     others = [
-        {board.obstacle("quarry", NOW_NS) for board in map(board_of, steering)},
-        {board_of(READY | {"routes": routes}).obstacle("quarry", NOW_NS) for routes in no_names}
-        | {board_of(READY).obstacle("nowhere", NOW_NS)},
-        {Board().obstacle("quarry", NOW_NS), board_of(READY).obstacle("quarry", NOW_NS + 500_000_001)},
-        {board_of(READY).obstacle("old road", NOW_NS)},
+        {board.obstacle({"select_route": "quarry"}, NOW_NS) for board in map(board_of, steering)},
+        {board_of(READY | {"routes": routes}).obstacle({"select_route": "quarry"}, NOW_NS) for routes in no_names}
+        | {board_of(READY).obstacle({"select_route": "nowhere"}, NOW_NS)},
+        {
+            Board().obstacle({"select_route": "quarry"}, NOW_NS),
+            board_of(READY).obstacle({"select_route": "quarry"}, NOW_NS + 500_000_001),
+        },
+        {board_of(READY).obstacle({"select_route": "old road"}, NOW_NS)},
     ]
     # Each obstacle has its own words.
     assert [len(words) for words in others] == [1] * 4
     assert len(set().union(*others) - {None}) == 4
-    assert BROKEN["problem"] in str(board_of(READY).obstacle("old road", NOW_NS))
+    assert BROKEN["problem"] in str(board_of(READY).obstacle({"select_route": "old road"}, NOW_NS))
 
 
 def test_engaged_as_the_mode_machine_has_it() -> None:
@@ -107,13 +110,13 @@ def worked_record(worked: object) -> bytes:
 
 def test_a_level_is_chosen_among_those_that_are_offered() -> None:
     board = board_of(READY)
-    assert board.obstacle(0.95, NOW_NS) is not None
+    assert board.obstacle({"select_level": 0.95}, NOW_NS) is not None
     board.take_worked(
         [worked_record({"runs": [], "level": 0.95, "levels": [0.95, 0.996]}), worked_record({"shape": []})]
     )
-    assert board.obstacle(0.996, NOW_NS) is None
-    assert board.obstacle(0.5, NOW_NS) is not None
-    assert board.obstacle(0.996, NOW_NS + 2 * STALE_NS) is not None
+    assert board.obstacle({"select_level": 0.996}, NOW_NS) is None
+    assert board.obstacle({"select_level": 0.5}, NOW_NS) is not None
+    assert board.obstacle({"select_level": 0.996}, NOW_NS + 2 * STALE_NS) is not None
     assert board.worked_version == 1
     assert shown(board)["shape"] == {"shape": []}
 
