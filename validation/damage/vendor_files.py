@@ -1,4 +1,4 @@
-"""Damaged files of vendors, receivers, fields and tables: each is read right or refused in a line, in time, in memory."""
+"""Damaged files of vendors, receivers, fields and tables: each is read right, or refused in one line."""
 
 import re
 import resource

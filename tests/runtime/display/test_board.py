@@ -79,18 +79,21 @@ def test_what_is_no_state_is_counted_and_changes_nothing() -> None:
         assert shown(board)["state"]["mode"] == "READY"
 
 
+QUARRY = {"select_route": "quarry"}
+
+
 def test_a_route_is_chosen_by_its_name_before_the_vehicle_steers_and_while_there_is_data() -> None:
-    assert board_of(READY).obstacle({"select_route": "quarry"}, NOW_NS) is None
-    assert board_of(READY).obstacle({"select_route": "quarry"}, NOW_NS + 500_000_000) is None
+    assert board_of(READY).obstacle(QUARRY, NOW_NS) is None
+    assert board_of(READY).obstacle(QUARRY, NOW_NS + 500_000_000) is None
     steering = [DRIVING, DRIVING | {"mode": "STEERING"}, READY | {"mode": None}]
     no_names: list[Any] = [None, [None, 7, {}]]
     others = [
-        {board.obstacle({"select_route": "quarry"}, NOW_NS) for board in map(board_of, steering)},
-        {board_of(READY | {"routes": routes}).obstacle({"select_route": "quarry"}, NOW_NS) for routes in no_names}
+        {board.obstacle(QUARRY, NOW_NS) for board in map(board_of, steering)},
+        {board_of(READY | {"routes": routes}).obstacle(QUARRY, NOW_NS) for routes in no_names}
         | {board_of(READY).obstacle({"select_route": "nowhere"}, NOW_NS)},
         {
-            Board().obstacle({"select_route": "quarry"}, NOW_NS),
-            board_of(READY).obstacle({"select_route": "quarry"}, NOW_NS + 500_000_001),
+            Board().obstacle(QUARRY, NOW_NS),
+            board_of(READY).obstacle(QUARRY, NOW_NS + 500_000_001),
         },
         {board_of(READY).obstacle({"select_route": "old road"}, NOW_NS)},
     ]

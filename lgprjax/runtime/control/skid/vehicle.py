@@ -466,7 +466,6 @@ class SkidSteerVehicle:
         """A plan has one place for a vehicle."""
         del by
         return None
-        del by
 
     def _found(self) -> SkidFound:
         """Findings of the watches and of the last step."""
