@@ -1,5 +1,6 @@
 """Places and stamps that are none, in every format: left out, counted and said; what is right is never left out."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -157,6 +158,23 @@ def test_a_sigma_of_zero_is_unknown(tmp_path: Path) -> None:
     some = _moved(lambda n, _: {"position_covariance_type": 2, **_SIGMA} if n == 30 else {})
     with refused("/rover/gps", "--gnss-sigma-m", "1 of"):
         _imported(tmp_path, some)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, False), (0.8, False), (3.6, True), (0.02, True)])
+def test_travel_and_positions_of_messages_are_compared(factor: float, said: bool, tmp_path: Path) -> None:
+    """An odometer in kilometres per hour, or one whose wheel slips on its shaft."""
+
+    def scaled(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        inner = values["pose"]["pose"]
+        position = inner["position"] | {"x": factor * inner["position"]["x"]}
+        return values | {"pose": values["pose"] | {"pose": inner | {"position": position}}}
+
+    log, notes = _imported(tmp_path, changed(rover_messages(600), "/rover/odom", scaled))
+    with log:
+        travel_m = float(np.ptp(log.description.odometry.distance_m))
+    assert travel_m == pytest.approx(30.0 * factor, rel=0.01)
+    lengths = [[float(each) for each in re.findall(r"(\d+\.\d) m", note)] for note in notes]
+    assert lengths == ([[pytest.approx(30.0, rel=0.01), pytest.approx(30.0 * factor, rel=0.01)]] if said else [])
 
 
 def test_stamps_of_another_day_are_left_out(tmp_path: Path) -> None:
