@@ -86,9 +86,16 @@ def test_a_site_without_a_place_keeps_its_origin() -> None:
 
 def test_the_greater_part_of_a_drive_is_kept() -> None:
     """A receiver that begins at its last known place, in another town."""
-    latitude = np.where(np.arange(100) < 30, 48.5, 47.0)
+    latitude = np.where(np.arange(100) < 30, 48.5, 47.0) + 1e-6 * np.arange(100.0)
     judged = plausible_positions(latitude, np.full(100, 8.0), reach_in_time_m(0.1 * np.arange(100)))
     np.testing.assert_array_equal(judged.kept, np.arange(100) >= 30)
+
+
+def test_a_place_that_is_repeated_counts_once() -> None:
+    """Ten minutes of the last known place, another town, before the first fix."""
+    latitude = np.concatenate([np.full(600, 48.5), 47.0 + 1e-5 * np.arange(60.0)])
+    judged = plausible_positions(latitude, np.full(660, 8.0), reach_in_time_m(np.arange(660.0)))
+    np.testing.assert_array_equal(judged.kept, np.arange(660) >= 600)
 
 
 @settings(max_examples=100, deadline=None)
