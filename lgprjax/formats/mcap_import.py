@@ -271,8 +271,10 @@ def import_mcap(
     t0_ns = _t0_ns(recording.path, texts, int(scan_ns[0]))
     odometry = None if odometer is None else odometry_track(recording.path, odometer, t0_ns)
     navigation, judged = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
-    travelled = travel_along(navigation) if odometry is None else None
-    odometry = odometry or OdometryTrack(navigation.time_s, travelled.distance_m)
+    travelled = None
+    if odometry is None:
+        travelled = travel_along(navigation)
+        odometry = OdometryTrack(navigation.time_s, travelled.distance_m)
     scan_time_s = (scan_ns - t0_ns) / 1e9
     kept = _spanned(recording.path, radar, scan_time_s, navigation, odometry)
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))

@@ -11,7 +11,14 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax.errors import InputError
 from lgprjax.formats.drive import NavigationTrack, OdometryTrack
-from lgprjax.formats.plausible import known_sigma, of_one_recording, plausible_positions, reach_in_time_m
+from lgprjax.formats.plausible import (
+    known_sigma,
+    lengths_disagree,
+    of_one_recording,
+    path_length_m,
+    plausible_positions,
+    reach_in_time_m,
+)
 from lgprjax.formats.profile import Assumed
 from lgprjax.formats.ros import (
     IMU,
@@ -296,6 +303,15 @@ def _plausible_rows(
             notes.append(f"{topic}: the odometry contradicts most positions: is its scale right?")
         else:
             judged = by_travel
+        inside = judged.kept & (time_s >= odometry.time_s[0]) & (time_s <= odometry.time_s[-1])
+        if np.count_nonzero(inside) > 1:
+            span_s = time_s[inside][[0, -1]]
+            travel_m = float(np.diff(np.interp(span_s, odometry.time_s, way_m))[0])
+            least_m = max(1.0, 10.0 * float(np.nan_to_num(np.nanmedian(np.append(sigma_m, 0.0)))))
+            path_m = path_length_m(rows[inside, 0], rows[inside, 1], least_m)
+            if lengths_disagree(travel_m, path_m) and abs(travel_m - path_m) > least_m:
+                said = f"the positions are {path_m:.1f} m long, the odometry {travel_m:.1f} m"
+                notes.append(f"{topic}: {said}: travel is that of the odometry, check its scale and unit")
     if judged.left_out:
         notes.append(f"{topic}: {judged.in_words()}")
     kept, has_height = judged.kept, np.isfinite(rows[:, 2])

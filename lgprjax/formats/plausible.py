@@ -57,7 +57,7 @@ def plausible_positions(
     Left out are: no numbers, or latitudes beyond 90 or longitudes beyond 360 degrees; zero for both where the other
     positions are elsewhere; and positions that the rest contradicts. The rest is the longest sequence in which no
     position is farther from the one before it than the vehicle can have travelled, with a step of the receiver (30 m,
-    and six sigmas of the two).
+    and six sigmas of the two); repeated positions count once.
 
     Args:
         latitude_deg, longitude_deg: WGS-84, in order of time; longitudes from -360 to 360.
@@ -150,7 +150,9 @@ def _longest_sequence(
         reach_m = _STEPS_A_TRACE * (float(np.median(step_m)) if count > 1 else 0.0) * np.arange(count)
     breaks = np.flatnonzero(step_m > np.diff(reach_m) + allowed_m[1:] + allowed_m[:-1]) + 1
     first, stop = np.concatenate([[0], breaks]), np.concatenate([breaks, [count]])
-    best, before = stop - first, np.full(len(first), -1)
+    # A receiver that repeats its last known place has one position, however often it says so.
+    best = np.add.reduceat(np.concatenate([[1], step_m > 0.0]), first)
+    before = np.full(len(first), -1)
     for run in range(1, len(first)):
         earlier = np.arange(max(0, run - _MOST_LINKS), run)
         ends, begin = stop[earlier] - 1, first[run]

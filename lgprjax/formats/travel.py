@@ -560,7 +560,7 @@ class _Spline:
             solved = self._solve(bends)
             by_model.append(self.noise_m**2 * (2.0 - self.weight * float(bends @ solved)))
             by_noise.append(self._bound_m**2 * float(np.sum((pair - self.weight * self._spread(solved)) ** 2)))
-        return float(np.sqrt(max(np.mean(by_model), np.mean(by_noise), 0.0)))
+        return float(np.sqrt(max(float(np.mean(by_model)), float(np.mean(by_noise)), 0.0)))
 
     def _solve(self, bends: Float[np.ndarray, " bend"]) -> Float[np.ndarray, " bend"]:
         return np.asarray(cho_solve_banded((self._factor, False), bends))

@@ -19,6 +19,7 @@ from lgprjax.batch.recover import RecordedTracks, RunDrive, write_run_drive
 from lgprjax.batch.vehicles import filter_model_of
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, NavigationTrack, OdometryTrack, VehicleFile, read_vehicle
+from lgprjax.formats.plausible import plausible_positions, reach_in_time_m
 from lgprjax.formats.run_log import RunReading, read_run_record
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.navigation import (
@@ -39,8 +40,9 @@ from lgprjax.navigation import (
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.cart import smoothed_parts
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition, Senses
+from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Senses
 from lgprjax.runtime.control.setup import TICK_S
+from lgprjax.runtime.gnss import read_gnss
 from lgprjax.vehicle import VehiclePose
 
 _SIGMA_HEIGHT, _SIGMA_ROLL_DEG = 2.0, 0.2
@@ -159,6 +161,7 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
         expected = "headings and turn rates, or some metres driven straight, from which the heading follows"
         raise InputError(reading.folder, "GNSS messages", expected, f"{len(sensed.places)} positions without heading")
     origin += "; height of the antenna; sigma of height and roll assumed"
+    origin += f"; {sensed.left_out}" if sensed.left_out else ""
     if vehicle is None:
         origin += "; no vehicle file: body origin and array at the antenna"
     tracks, radar = _tracks(sensed, poses, reading.clock[1], origin), config.radar
@@ -235,12 +238,14 @@ class _Sensed(NamedTuple):
     """What the lines said: positions and attitudes, both with rising times, and the inputs of each tick.
 
     Attributes:
-        frame: anchored at the first position.
+        frame: anchored at the first plausible position.
+        left_out: other positions, in words.
         places, attitudes: of the receiver.
         tick_ns: when each tick began; ticks: its inputs.
     """
 
     frame: LocalFrame
+    left_out: str
     places: list[LocalPosition]
     attitudes: list[LocalAttitude]
     tick_ns: Int[np.ndarray, " tick"]
@@ -248,7 +253,7 @@ class _Sensed(NamedTuple):
 
     @classmethod
     def of(cls, reading: RunReading, config: RuntimeConfig) -> "_Sensed":
-        frame, sensors = _frame_of(reading, config), config.sensors
+        (frame, implausible, left_out), sensors = _frame_of(reading), config.sensors
         senses = Senses(frame, sensors)
         places: list[LocalPosition] = []
         attitudes: list[LocalAttitude] = []
@@ -277,7 +282,9 @@ class _Sensed(NamedTuple):
             rows.append((tick.step_s, tick.yaw_rate_radps, *fix, *heading, *odometer))
 
         begun_ns: int | None = None
-        for record in _records(reading):
+        for number, record in enumerate(_records(reading)):
+            if number in implausible:
+                continue
             if record.kind is RecordKind.PORT_IN and record.source in (Source.GNSS, Source.DRIVE_BY_WIRE):
                 senses.take(record)
             elif record.kind is RecordKind.TICK:
@@ -290,7 +297,7 @@ class _Sensed(NamedTuple):
         if len(places) < 2:
             raise InputError(reading.folder, "GNSS messages", "at least two positions", str(len(places)))
         ticks = _Ticks(*np.array(rows, np.float64).T)
-        return cls(frame, places, attitudes, np.array(times, np.int64), ticks)
+        return cls(frame, left_out, places, attitudes, np.array(times, np.int64), ticks)
 
 
 def _records(reading: RunReading) -> Iterator[Record]:
@@ -309,19 +316,27 @@ def _frame_of_plan(reading: RunReading) -> LocalFrame | None:
     return None
 
 
-def _frame_of(reading: RunReading, config: RuntimeConfig) -> LocalFrame:
-    """A frame at the first position.
+def _frame_of(reading: RunReading) -> tuple[LocalFrame, set[int], str]:
+    """A frame at the first plausible position, numbers of the records with implausible ones, and these in words.
 
     Raises:
         InputError: there is none.
     """
-    senses = GnssSenses(None, config.sensors)
-    for record in _records(reading):
+    found: list[tuple[int, float, float, float, float]] = []
+    for number, record in enumerate(_records(reading)):
         if (record.kind, record.source) == (RecordKind.PORT_IN, Source.GNSS):
-            senses.take(record)
-            if senses.frame is not None:
-                return senses.frame
-    raise InputError(reading.folder, "GNSS messages", "at least two positions", "none")
+            sample = read_gnss(record.payload)
+            position = None if sample is None else sample.position
+            if position is not None and math.isfinite(position.height_m):
+                place = (position.latitude_deg, position.longitude_deg, position.height_m)
+                found.append((number, 1e-9 * record.mono_ns, *place))
+    number, time_s, latitude, longitude, height = np.array(found).reshape(-1, 5).T
+    judged = plausible_positions(latitude, longitude, reach_in_time_m(time_s))
+    if not judged.kept.any():
+        raise InputError(reading.folder, "GNSS messages", "at least two positions", judged.in_words() or "none")
+    first = int(np.argmax(judged.kept))
+    frame = LocalFrame(float(latitude[first]), float(longitude[first]), float(height[first]))
+    return frame, {int(each) for each in number[~judged.kept]}, judged.in_words()
 
 
 def _by_filter(sensed: _Sensed, vehicle: VehicleFile | None, lever: tuple[float, float]) -> _Poses | None:

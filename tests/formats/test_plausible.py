@@ -1,5 +1,6 @@
 """Places and stamps that are none, in every format: left out, counted and said; what is right is never left out."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -85,9 +86,16 @@ def test_a_site_without_a_place_keeps_its_origin() -> None:
 
 def test_the_greater_part_of_a_drive_is_kept() -> None:
     """A receiver that begins at its last known place, in another town."""
-    latitude = np.where(np.arange(100) < 30, 48.5, 47.0)
+    latitude = np.where(np.arange(100) < 30, 48.5, 47.0) + 1e-6 * np.arange(100.0)
     judged = plausible_positions(latitude, np.full(100, 8.0), reach_in_time_m(0.1 * np.arange(100)))
     np.testing.assert_array_equal(judged.kept, np.arange(100) >= 30)
+
+
+def test_a_place_that_is_repeated_counts_once() -> None:
+    """Ten minutes of the last known place, another town, before the first fix."""
+    latitude = np.concatenate([np.full(600, 48.5), 47.0 + 1e-5 * np.arange(60.0)])
+    judged = plausible_positions(latitude, np.full(660, 8.0), reach_in_time_m(np.arange(660.0)))
+    np.testing.assert_array_equal(judged.kept, np.arange(660) >= 600)
 
 
 @settings(max_examples=100, deadline=None)
@@ -157,6 +165,23 @@ def test_a_sigma_of_zero_is_unknown(tmp_path: Path) -> None:
     some = _moved(lambda n, _: {"position_covariance_type": 2, **_SIGMA} if n == 30 else {})
     with refused("/rover/gps", "--gnss-sigma-m", "1 of"):
         _imported(tmp_path, some)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, False), (0.8, False), (3.6, True), (0.02, True)])
+def test_travel_and_positions_of_messages_are_compared(factor: float, said: bool, tmp_path: Path) -> None:
+    """An odometer in kilometres per hour, or one whose wheel slips on its shaft."""
+
+    def scaled(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        inner = values["pose"]["pose"]
+        position = inner["position"] | {"x": factor * inner["position"]["x"]}
+        return values | {"pose": values["pose"] | {"pose": inner | {"position": position}}}
+
+    log, notes = _imported(tmp_path, changed(rover_messages(600), "/rover/odom", scaled))
+    with log:
+        travel_m = float(np.ptp(log.description.odometry.distance_m))
+    assert travel_m == pytest.approx(30.0 * factor, rel=0.01)
+    lengths = [[float(each) for each in re.findall(r"(\d+\.\d) m", note)] for note in notes]
+    assert lengths == ([[pytest.approx(30.0, rel=0.01), pytest.approx(30.0 * factor, rel=0.01)]] if said else [])
 
 
 def test_stamps_of_another_day_are_left_out(tmp_path: Path) -> None:

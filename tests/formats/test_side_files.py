@@ -1,14 +1,20 @@
 """Positions recorded beside a line: every layout and trap in files written here."""
 
+from collections import Counter
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pynmeagps import NMEAReader
 
 from formats.samples import write_dt1
 from formats.side_samples import cor_row, dzg_text, gga, gps_text, rmc, sentence
 from lgprjax.formats import find_side_files, places_of_traces, read_side_file
 from lgprjax.formats.plausible import ZEROS
+from lgprjax.formats.receiver_files import fix_of_sentence
 from refusals import refused
 
 _PLACES = np.array([[12.5, -1.25, 10.04], [12.5, -1.0, 10.03], [12.75, -0.75, 10.02]])
@@ -184,6 +190,35 @@ def test_bad_receiver_files_are_refused(tmp_path: Path) -> None:
             read_side_file(path)
     with refused("file", file="none.GPS"):
         read_side_file(tmp_path / "none.GPS")
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.integers(0, 89),
+    st.integers(0, 179),
+    st.decimals(0, 59, places=7),
+    st.sampled_from("NS"),
+    st.sampled_from("EW"),
+    st.integers(0, 86_399),
+    st.integers(0, 9),
+    st.sampled_from(["GPGGA", "GNGGA", "GPRMC", "GNRMC"]),
+)
+def test_sentences_are_read_as_by_another_library(
+    latitude: int, longitude: int, minutes: Decimal, north: str, east: str, second: int, quality: int, kind: str
+) -> None:
+    clock = f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.50"
+    place = f"{latitude:02d}{minutes:010.7f},{north},{longitude:03d}{minutes:010.7f},{east}"
+    rest = f"{quality},12,0.8,100.0,M,45.0,M,," if kind.endswith("GGA") else "0.5,90.0,010124,,,A"
+    state = "" if kind.endswith("GGA") else "A,"
+    text = sentence(f"{kind},{clock},{state}{place},{rest}")
+    read, other = fix_of_sentence(text, Counter()), NMEAReader.parse(text.encode())
+    assert read is not None
+    if kind.endswith("GGA") and quality not in (1, 2, 3, 4, 5):
+        assert read[1] is None
+        return
+    assert read[1] is not None
+    np.testing.assert_allclose([read[1].latitude_deg, read[1].longitude_deg], [other.lat, other.lon], atol=1e-9)
+    assert read[1].time_s == second + 0.5
 
 
 def test_dzg_counts_scans_from_zero(tmp_path: Path) -> None:
