@@ -24,6 +24,7 @@ from lgprjax.formats import (
     read_profile,
     read_side_file,
 )
+from lgprjax.formats.field_files import KeepOut
 
 TRACES = np.random.default_rng(7).integers(-30000, 30000, (24, 40))
 _LONGEST_S = 2.0
@@ -218,7 +219,8 @@ def _check_side(positions: SidePositions) -> None:
 
 
 def _check_field(places: FieldPlaces) -> None:
-    for each in (places, *places.keep_outs):
+    every: tuple[FieldPlaces | KeepOut, ...] = (places, *places.keep_outs)
+    for each in every:
         numbers = np.stack([each.latitude_deg, each.longitude_deg, each.height_m])
         assert numbers.shape[1] > 0
         assert np.isfinite(numbers).all()
