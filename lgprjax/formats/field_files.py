@@ -324,15 +324,16 @@ def _xml(file: Path, data: bytes) -> ElementTree.Element:
         except InputError:
             raise
         except Exception as error:  # archives and decompression fail in many ways
-            raise InputError(file, "file", "a KMZ", f"a damaged or encrypted archive ({error})") from None
+            raise InputError(file, "file", "a KMZ", f"a damaged or encrypted archive ({str(error)[:80]})") from None
     declared = re.match(rb"""(?:\xef\xbb\xbf)?\s*<\?xml[^>]*?encoding\s*=\s*["']([\w.:-]+)""", data)
-    encoding = declared[1].decode() if declared else "utf-8-sig"
+    encoding = declared[1][:40].decode() if declared else "utf-8-sig"
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encoding = "utf-16"
     elif re.fullmatch("utf-?(8|16|32)(le|be)?", encoding.lower()):
         encoding = "utf-8-sig"  # one that can be read as ASCII is of no wider letters, whatever it declares
+    text = _decoded(file, data, encoding)
     try:
-        return ElementTree.fromstring(_decoded(file, data, encoding))
+        return ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError(file, "file", "KML", f"text that is not XML ({error})") from None
 

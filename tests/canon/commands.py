@@ -52,10 +52,10 @@ def run(*words: object) -> Done:
 def _check_options(words: list[str], done: Done) -> None:
     """Assert that what a command printed names no option that it, or the verb named with it, does not accept."""
     given = recognised(words[1:]) if words[:1] == ["import"] else words[1:]
-    verb = next((name for name in VERBS if [*words[:1], *given][: len(name.split())] == name.split()), None)
-    for line in [] if verb is None or "--help" in words else (done.out + done.err).splitlines():
-        about = line.removeprefix("next: ")
-        assert [each for each in unknown_options(about, verb) if each not in " ".join(words)] == [], (words, line)
+    verb = next((name for name in VERBS if [*words[:1], *given][: len(name.split())] == name.split()), "")
+    for line in (done.out + done.err).splitlines() if verb and "--help" not in words else ():
+        unknown = unknown_options(line.removeprefix("next: "), verb)
+        assert [each for each in unknown if each not in " ".join(words)] == [], (words, line)
 
 
 def succeed(*words: object) -> str:

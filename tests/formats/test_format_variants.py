@@ -8,7 +8,7 @@ import pytest
 import segyio
 
 from canon.commands import run, succeed
-from formats.samples import dzt_header, write_dt1
+from formats.samples import dzt_header, write_dt1, write_iprb
 from formats.segy_sample import segy_bytes, write_segy
 from lgprjax.formats import DriveLog, SurveyOrigin, import_lines, import_segy, read_dt1, read_dzt, read_segy
 from refusals import refused
@@ -242,3 +242,19 @@ def test_a_later_header_counts_where_it_is_one(tmp_path: Path, monkeypatch: pyte
     # Together they would share one time axis, which they have not.
     _two_antennas(Path("a.DZT"), whole)
     run("view", "a.DZT", "-o", "y.png").refusal.check("header of channel 1, position_ns", "--channel", found=-0.5)
+
+
+def test_options_of_several_lines_reach_their_readers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_iprb(Path("a.iprb"))
+    Path("a.iprb").write_bytes(Path("a.iprb").read_bytes()[:-3])
+    run("import", "a.iprb", "-o", "x.drive.h5").refusal.check("traces", "--partial", found=4)
+    assert "4 of 5 traces" in succeed("import", "a.iprb", "-o", "x.drive.h5", "--partial")
+    for name in ("b.sgy", "c.sgy"):
+        Path(name).write_bytes(segy_bytes(_FLOATS.view(np.uint32), code=1))
+    lines = ("import", "lines", "b.sgy", "c.sgy", "--line-spacing-m", 1, "--length-m", 3, "-o", "y.drive.h5")
+    assert succeed(*lines).count("the samples are IEEE floats") == 2
+    assert "IEEE floats" not in succeed(*lines, "--sample-format", "ibm", "--force")
+    run(*lines, "--channel", 1, "--force").refusal.check("--channel", file="b.sgy", found=1)
+    write_dt1(Path("d.DT1"), _COUNTS)
+    run("import", "lines", "d.DT1", "-o", "z.drive.h5", "--sample-format", "ibm").refusal.check("file name", "SEG-Y")

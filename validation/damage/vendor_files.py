@@ -30,6 +30,7 @@ from lgprjax.formats import (
     read_profile,
     read_side_file,
 )
+from lgprjax.formats.field_files import KeepOut
 from lgprjax.formats.signal_tables import import_signals
 from lgprjax.runtime.cart import CartFixes, read_cart_fixes
 from runtime.test_cart_clocks import fix, pvt, without_checksums
@@ -331,7 +332,8 @@ def _check_drive(log: DriveLog | VehicleLog) -> None:
 
 
 def _check_field(places: FieldPlaces) -> None:
-    for each in (places, *places.keep_outs):
+    every: tuple[FieldPlaces | KeepOut, ...] = (places, *places.keep_outs)
+    for each in every:
         numbers = np.stack([each.latitude_deg, each.longitude_deg, each.height_m])
         assert numbers.shape[1] > 0
         assert np.isfinite(numbers).all()

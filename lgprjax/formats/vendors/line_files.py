@@ -212,8 +212,9 @@ def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
         found = "other numbers: the file is damaged, or of another format"
         raise InputError(file, "header of trace 0", f"{samples} samples of 2 or 4 bytes", found)
     stored = np.dtype("<f4") if first[5] == 4.0 else np.dtype("<i2")
+    record_bytes = _TRACE_HEADER_BYTES + samples * stored.itemsize
+    whole, cut = count_traces(file, len(data), record_bytes, said=(traces, header.path), partial=partial)
     record = np.dtype([("header", "<f4", 32), ("samples", stored, samples)])
-    whole, cut = count_traces(file, len(data), record.itemsize, said=(traces, header.path), partial=partial)
     records = np.frombuffer(data, record, count=whole)
     words = records["header"]
     # Some NaN bit patterns raise a flag when converted; they are detected here.
