@@ -16,7 +16,7 @@ def said(**changed: Any) -> str:
     return json.dumps({"session": SESSION, "number": 1, "select_route": "meadow"} | changed)
 
 
-def judge(message: str | bytes | None) -> str | Refused:
+def judge(message: str | bytes | None) -> str | float | Refused:
     return RequestGate(SESSION).judge(message, 0)
 
 
