@@ -70,6 +70,8 @@ drag_per_s = 0.04
     3.4,
 )
 
+ARRAY_X_M = 6.2
+
 _FILE = """schema = "lgprjax.vehicle"
 schema_version = "1.5"
 name = "kit"
@@ -77,7 +79,7 @@ steering_kind = "counter_steer"
 [chassis]
 wheelbase_m = {wheelbase_m}
 [array]
-x_m = 6.2
+x_m = {ARRAY_X_M}
 height_m = 0.3
 [navigation]
 gnss_x_m = 1.0
@@ -116,7 +118,7 @@ def write_kit(folder: Path, kit: Kit = SHORT, script: str = "") -> Path:
     text = f"{LINES}{script}[simulation.vehicle]\n{kit.table}"
     (folder / "kit.run.toml").write_text(text, encoding="utf-8")
     path = folder / "kit.vehicle.toml"
-    path.write_text(_FILE.format(wheelbase_m=kit.wheelbase_m, known=kit.known), encoding="utf-8")
+    path.write_text(_FILE.format(wheelbase_m=kit.wheelbase_m, known=kit.known, ARRAY_X_M=ARRAY_X_M), encoding="utf-8")
     return path
 
 

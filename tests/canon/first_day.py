@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from canon.calibration import Kit, write_kit
+from canon.calibration import ARRAY_X_M, Kit, write_kit
 from canon.commands import run, succeed
 
 _PLUS = "".join(
@@ -153,6 +153,7 @@ def wrong_fixes(folder: Path, name: str, beyond_m: float = 0.3) -> tuple[int, in
             np.interp(good["scan_ns"], truth["mono_ns"], values)
             for values in (truth["x_m"], truth["y_m"], np.unwrap(truth["yaw_rad"]))
         )
+    # A fix is of the array's centre, the truth of the rear axle.
+    x, y = x + ARRAY_X_M * np.cos(yaw), y + ARRAY_X_M * np.sin(yaw)
     off = np.hypot(good["pose"][:, 0] - x, good["pose"][:, 1] - y)
-    del yaw
     return int(np.sum(off > beyond_m)), len(good)
