@@ -330,13 +330,13 @@ def _frame_of(reading: RunReading) -> tuple[LocalFrame, set[int], str]:
             if position is not None and math.isfinite(position.height_m):
                 place = (position.latitude_deg, position.longitude_deg, position.height_m)
                 found.append((number, 1e-9 * record.mono_ns, *place))
-    number, time_s, latitude, longitude, height = np.array(found).reshape(-1, 5).T
+    numbers, time_s, latitude, longitude, height = np.array(found).reshape(-1, 5).T
     judged = plausible_positions(latitude, longitude, reach_in_time_m(time_s))
     if not judged.kept.any():
         raise InputError(reading.folder, "GNSS messages", "at least two positions", judged.in_words() or "none")
     first = int(np.argmax(judged.kept))
     frame = LocalFrame(float(latitude[first]), float(longitude[first]), float(height[first]))
-    return frame, {int(each) for each in number[~judged.kept]}, judged.in_words()
+    return frame, {int(each) for each in numbers[~judged.kept]}, judged.in_words()
 
 
 def _by_filter(sensed: _Sensed, vehicle: VehicleFile | None, lever: tuple[float, float]) -> _Poses | None:

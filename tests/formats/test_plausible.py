@@ -21,6 +21,7 @@ from lgprjax.formats import (
     DriveLog,
     SurveyOrigin,
     VehicleLog,
+    assumed_of,
     check_file,
     import_lines,
     import_segy,
@@ -156,7 +157,7 @@ def test_a_sigma_of_zero_is_unknown(tmp_path: Path) -> None:
     log, _ = _imported(tmp_path, _moved(lambda *_: {"position_covariance_type": 2, **_SIGMA}))
     with log:
         assert log.description.navigation.sigma_east_m is None
-        assert log.description.provenance["assumed"]["position sigma"] == "not recorded"
+        assert assumed_of(log.description.provenance)["position sigma"] == "not recorded"
     flat = [0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.0]
     log, _ = _imported(tmp_path, _moved(lambda *_: {"position_covariance_type": 2, "position_covariance": flat}))
     with log:

@@ -9,7 +9,7 @@ from drawn_travel import draw
 from formats.mcap_sample import rover_messages
 from formats.segy_sample import write_segy
 from formats.test_mcap_import import _imported
-from lgprjax.formats import DriveLog, SurveyOrigin, import_segy
+from lgprjax.formats import DriveLog, SurveyOrigin, assumed_of, import_segy
 from lgprjax.formats.travel import mend_travel, smoothed_travel
 
 _SECONDS = 300.0
@@ -22,7 +22,7 @@ def _true_m(time_s: np.ndarray, kind: str) -> np.ndarray:
         speed = 1.5 + 0.3 * np.sin(fine_s / 7.0)
     else:
         speed = np.clip(3.0 * np.sin(2.0 * np.pi * fine_s / 40.0), -1.0 if kind == "reverse" else 0.0, 2.0)
-    return np.interp(time_s, fine_s, 0.01 * np.cumsum(speed))
+    return np.asarray(np.interp(time_s, fine_s, 0.01 * np.cumsum(speed)))
 
 
 def _rms(error_m: np.ndarray) -> float:
@@ -116,7 +116,7 @@ def test_a_drive_log_tells_the_noise_of_its_travel(tmp_path: Path) -> None:
     ]
     log, _ = _imported(tmp_path, noisy)
     with log:
-        odometry, told = log.description.odometry, log.description.provenance["assumed"]["odometry"]
+        odometry, told = log.description.odometry, assumed_of(log.description.provenance)["odometry"]
     assert _rms(np.diff(odometry.distance_m - odometry.time_s)) < 0.004
     assert "cm a step" in told
     assert "over 10 m" in told

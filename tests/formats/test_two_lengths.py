@@ -1,6 +1,6 @@
 """A line's length by its header, its wheel and the receiver beside it: who is believed where they disagree."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +101,7 @@ def test_a_header_is_believed_within_the_noise(quality: int, noise_m: float, fac
 def test_a_receiver_that_counts_on_in_a_pause_is_not_used(pause: int, tmp_path: Path) -> None:
     """Its numbers lead beyond the last trace: nobody knows from where on they are not those of the traces."""
     path = _dzt(tmp_path / "a", 0.05)
-    scans = {n: [_fix(n // 10, 0.05 * n, 4)] for n in range(0, 400 + pause, 10)}
+    scans: dict[int, Sequence[str]] = {n: [_fix(n // 10, 0.05 * n, 4)] for n in range(0, 400 + pause, 10)}
     path.with_suffix(".DZG").write_text(dzg_text(scans), newline="")
     survey, placed_m, travel_m = _imported(path)
     assert survey.placed_by == "header"
