@@ -1,4 +1,4 @@
-"""A vehicle with throttle and brake on a slope, for the tests: textbook laws of its own, in steps of two milliseconds."""
+"""A vehicle with throttle and brake on a slope, for the tests: textbook laws in steps of two milliseconds."""
 
 import math
 from dataclasses import dataclass

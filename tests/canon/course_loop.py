@@ -14,9 +14,8 @@ from lgprjax.autopilot import Mode
 from lgprjax.registration import Code
 from lgprjax.run_records import FIX, PLAN, Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.core import AnyLoaded, ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
-from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.world import CourseWorld
@@ -45,6 +44,7 @@ class OnboardLoop:
         script, faults: see ``simulation.devices``.
         fixes: none where there is no registration.
         fix_wrong, fix_lost: by the time, how far east and north a fix is wrong, and whether there is none.
+        manoeuvre: see ``CourseSpec``.
         fix_match: correlation of every match, and its probability of being false; beyond the risk it is no fix.
 
     Attributes:
@@ -58,7 +58,7 @@ class OnboardLoop:
         self,
         world: CourseWorld,
         config: RuntimeConfig,
-        loaded: Loaded,
+        loaded: AnyLoaded,
         script: list[dict[str, Any]],
         faults: list[dict[str, Any]],
         *,
@@ -67,10 +67,11 @@ class OnboardLoop:
         fix_lost: Callable[[float], bool] = lambda _: False,
         fix_match: tuple[float, float] = (0.8, 1e-9),
         seed: int = 1,
+        manoeuvre: dict[str, Any] | None = None,
     ) -> None:
         spec = CourseSpec(
             seed=2, length_m=world.laid.spec.length_m, drive_seed=seed, map="", ports="", truth="", script=script,
-            faults=faults,
+            faults=faults, manoeuvre=manoeuvre or {},
         )  # fmt: skip
         self.stage = CourseStage(spec, world, Path("spec.json"), BEGIN_NS)
         self.core = ControlCore(config, loaded, session=77, after_death=False)
