@@ -14,9 +14,8 @@ from lgprjax.autopilot import Mode
 from lgprjax.registration import Code
 from lgprjax.run_records import FIX, PLAN, Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.core import ControlCore
+from lgprjax.runtime.control.core import AnyLoaded, ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
-from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.vehicle import GNSS_SLOW_M
@@ -46,6 +45,7 @@ class OnboardLoop:
         script, faults: see ``simulation.devices``.
         fixes: none where there is no registration.
         fix_wrong, fix_lost: by the time, how far east and north a fix is wrong, and whether there is none.
+        manoeuvre: see ``CourseSpec``.
         fix_match: correlation of every match, and its probability of being false; beyond the risk it is no fix.
         gnss_slow_m, vehicle: of the devices, see ``CourseSpec``.
 
@@ -60,7 +60,7 @@ class OnboardLoop:
         self,
         world: CourseWorld,
         config: RuntimeConfig,
-        loaded: Loaded,
+        loaded: AnyLoaded,
         script: list[dict[str, Any]],
         faults: list[dict[str, Any]],
         *,
@@ -71,10 +71,11 @@ class OnboardLoop:
         seed: int = 1,
         gnss_slow_m: float = GNSS_SLOW_M,
         vehicle: dict[str, float] | None = None,
+        manoeuvre: dict[str, Any] | None = None,
     ) -> None:
         spec = CourseSpec(
             seed=2, length_m=world.laid.spec.length_m, drive_seed=seed, map="", ports="", truth="", script=script,
-            faults=faults, gnss_slow_m=gnss_slow_m, vehicle=vehicle or {},
+            faults=faults, gnss_slow_m=gnss_slow_m, vehicle=vehicle or {}, manoeuvre=manoeuvre or {},
         )  # fmt: skip
         self.stage = CourseStage(spec, world, Path("spec.json"), BEGIN_NS)
         self.core = ControlCore(config, loaded, session=77, after_death=False)

@@ -90,6 +90,8 @@ _RULES = LimiterRules(
 _ENGAGE_MPS = 0.3
 """Faster than that a manoeuvre is not engaged: it begins at standstill."""
 _WALKING_MPS = 2.0
+_RUN_S = 12.0
+"""A run takes at most the way of so long at the highest speed."""
 _PEDAL = PedalBelief(pre_tension=0.0, dead_zone=0.0, gain_mps2=1.0, lag_s=1.0)
 _PEDALS = PedalsBelief(_PEDAL, _PEDAL, rolling_mps2=0.0, drag_per_s=0.0)
 """No study has found them yet, and no finding depends on them where the watch is given no speed to trust."""
@@ -270,7 +272,7 @@ class ManoeuvreKind:
         ended = [ARRIVED[-1]] if self._done else []
         return VehicleStatus(
             received,
-            Event.ROUTE_OFF if self._done or self._ground_used else Event.ROUTE_NEAR,
+            Event.ROUTE_OFF if self._done else Event.ROUTE_NEAR,
             False,
             int(Reaction.STOP if trouble else Reaction.CONTINUE),
             ages_s,
@@ -386,9 +388,6 @@ class ManoeuvreKind:
         """Why the manoeuvre cannot be engaged."""
         if self._done:
             return ARRIVED[-1]
-        if self._ground_used:
-            left = f"less than {self._run_m:g} m of {self._table.area_m:g} m are left"
-            return f"{left}: turn round by hand, and engage again"
         return "; ".join(self._trouble)
 
     def slow(self) -> list[str]:
@@ -446,16 +445,6 @@ class ManoeuvreKind:
         return max(way_m, math.hypot(place.x_m - began.x_m, place.y_m - began.y_m))
 
     @property
-    def _run_m(self) -> float:
-        """Ground that a run may take."""
-        return 12.0 * self._table.fastest_mps
-
-    @property
-    def _ground_used(self) -> bool:
-        """Whether the next run might not fit on the ground that is left."""
-        return self._moves and self._pedals.between_runs and self._gone_m > self._table.area_m - self._run_m
-
-    @property
     def _trouble(self) -> list[str]:
         """What ends a manoeuvre by a stop."""
         wheels = self._sensed.wheels
@@ -466,15 +455,17 @@ class ManoeuvreKind:
         if self._sent.engage & STEERING and not self._moves and not abs(speed) <= _WALKING_MPS:
             trouble.append("the vehicle moves, or its speed is unknown")
         if self._sent.engage & PEDALS:
-            # It must be able to stop on it.
-            if not self._gone_m + speed * speed / (2.0 * LEAST_BRAKING_MPS2) <= self._table.area_m:
-                trouble.append(f"the end of {self._table.area_m:g} m from where the manoeuvre was engaged")
+            # It must be able to stop there, and a run must fit before it begins.
+            needs_m = speed * speed / (2.0 * LEAST_BRAKING_MPS2)
+            needs_m = max(needs_m, _RUN_S * self._table.fastest_mps if self._pedals.between_runs else 0.0)
+            if not math.isfinite(speed + way):
+                trouble.append("speed unknown")
+            elif self._gone_m + needs_m > self._table.area_m:
+                trouble.append(f"the end of the {self._table.area_m:g} m is near: turn round by hand, and engage again")
             if not self._place_age_s < _PLACE_OLD_S:
                 trouble.append("no accurate position from GNSS")
             if self._apart_s > _APART_S:
                 trouble.append("wheels and GNSS give different speeds")
-            if not math.isfinite(speed + way):
-                trouble.append("speed unknown")
         return trouble
 
     def _wheel_findings(self, step_s: float) -> Watch:
@@ -500,7 +491,8 @@ class ManoeuvreKind:
             speed_trusted=False,
             step_s=step_s,
         )
-        if engaged and abs(speed_mps) > self._pedals.limit_mps:
+        # A stop would hand over a vehicle that stands, and a stuck throttle would drive it off.
+        if engaged and (found & Watch.THROTTLE_STUCK or abs(speed_mps) > self._pedals.limit_mps):
             found |= Watch.SPEED_RISES
         return found | (Watch.BRAKE_DEAD if engaged and self._pedals.dead else Watch(0))
 
