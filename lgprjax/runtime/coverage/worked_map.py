@@ -140,7 +140,8 @@ class OpenMap:
         row, cell_m = cover.copy(), self.grid.cell_m
         counts = bool(int(row["tool"]) & ToolBits.COUNTS)
         x, y, yaw = (float(row[name]) for name in ("x_m", "y_m", "yaw_rad"))
-        east, north = body_to_local(*np.array([[x], [y], [yaw]]), self._tool.ahead_m, self._tool.left_m)
+        place = np.array([x]), np.array([y]), np.array([yaw])
+        east, north = body_to_local(*place, self._tool.ahead_m, self._tool.left_m)
         if counts and math.isfinite(east[0] + north[0]):
             self._reach(float(east[0]), float(north[0]))
         if counts and self.full:
