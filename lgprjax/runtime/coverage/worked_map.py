@@ -63,7 +63,9 @@ class WorkedMap:
             return at._replace(x_m=at.x_m - east_m, y_m=at.y_m - north_m)
 
         running = self._state.running
-        running = running._replace(**{name: moved(getattr(running, name)) for name in ("now", "low", "high", "strips")})
+        running = running._replace(
+            now=moved(running.now), low=moved(running.low), high=moved(running.high), strips=moved(running.strips)
+        )
         # The arrays are copies: the step gives its memory away.
         self._state = WorkedState(jnp.array(probability, jnp.float32), running)
 
