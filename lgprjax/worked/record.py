@@ -128,7 +128,7 @@ def read_cover_run(folder: str | Path) -> CoverRun:
             events.append(RunEvent(record.mono_ns + utc_of_mono_ns, _line(record.payload)))
             anchor = anchor or _object(record.payload).get("anchor")
         elif record.kind is RecordKind.HEADER and not header.get("plan_sha256"):
-            header = _object(record.payload) or header
+            header |= _object(record.payload)
             anchor = anchor or header.get("anchor")
     kept = rising(gathered.times_ns, np.ones(len(gathered.rows), bool))
     if not kept.any():

@@ -22,7 +22,8 @@ ERRORS = {
 def covariance_of(sigmas: tuple[float, float, float], related: float) -> np.ndarray:
     """Of forward, left and yaw."""
     whole = np.array([[1.0, related, 0.5 * related], [related, 1.0, related], [0.5 * related, related, 1.0]])
-    return np.diag(sigmas) @ whole @ np.diag(sigmas)
+    scaled: np.ndarray = np.diag(sigmas) @ whole @ np.diag(sigmas)
+    return scaled
 
 
 def shape_of(body: np.ndarray, level: float, *, shared_m: float = 0.0, on: bool = True) -> ClaimedShape:
@@ -31,7 +32,8 @@ def shape_of(body: np.ndarray, level: float, *, shared_m: float = 0.0, on: bool 
     axes = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     numbers = (jnp.float32(3.0), jnp.float32(-2.0), jnp.float32(_YAW_RAD))
     moment = ToolMoment(*numbers, jnp.asarray(axes @ body @ axes.T, jnp.float32), jnp.asarray(on))
-    return claimed_shape(TOOL, moment, jnp.float32(level), jnp.float32(shared_m))
+    shape: ClaimedShape = claimed_shape(TOOL, moment, jnp.float32(level), jnp.float32(shared_m))
+    return shape
 
 
 def over_now(errors: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -63,7 +63,9 @@ class WorkedMap:
             return at._replace(x_m=at.x_m - east_m, y_m=at.y_m - north_m)
 
         running = self._state.running
-        running = running._replace(**{name: moved(getattr(running, name)) for name in ("now", "low", "high", "strips")})
+        running = running._replace(
+            now=moved(running.now), low=moved(running.low), high=moved(running.high), strips=moved(running.strips)
+        )
         # The arrays are copies: the step gives its memory away.
         self._state = WorkedState(jnp.array(probability, jnp.float32), running)
 
@@ -140,7 +142,8 @@ class OpenMap:
         row, cell_m = cover.copy(), self.grid.cell_m
         counts = bool(int(row["tool"]) & ToolBits.COUNTS)
         x, y, yaw = (float(row[name]) for name in ("x_m", "y_m", "yaw_rad"))
-        east, north = body_to_local(*np.array([[x], [y], [yaw]]), self._tool.ahead_m, self._tool.left_m)
+        place = np.array([x]), np.array([y]), np.array([yaw])
+        east, north = body_to_local(*place, self._tool.ahead_m, self._tool.left_m)
         if counts and math.isfinite(east[0] + north[0]):
             self._reach(float(east[0]), float(north[0]))
         if counts and self.full:
