@@ -180,6 +180,8 @@ def test_waypoints_of_other_programs_need_positions_alone(tmp_path: Path) -> Non
         ("w.gpx", "<gpx><trk>", "file", (".gpx",)),
         ("w.gpx", "<gpx/>", "waypoints", ("no track",)),
         ("w.geojson", "[1]", "waypoints", ("no track",)),
+        ("w.geojson", '{"type": "LineString", "coordinates": [1, [2]]}', "w, waypoint 1: latitude_deg", (90,)),
+        ("w.geojson", '{"features": [{"geometry": [1], "properties": 2}, 3]}', "waypoints", ("no track",)),
         ("w.kml", "", "file name", (".csv", ".geojson", ".gpx")),
     ],
 )
