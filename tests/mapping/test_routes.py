@@ -97,7 +97,7 @@ def test_sparse_waypoints_are_joined_by_a_curve_without_corners(tmp_path: Path) 
     source = read_source(path)
     (route,) = source.routes
     assert np.diff(route.at_m).max() < 0.3
-    lat, lon, _ = source.frame.to_geodetic(*route.track.points_m.T, 0.0 * route.at_m)
+    lat, lon, _ = source.frame.to_geodetic(route.track.points_m[:, 0], route.track.points_m[:, 1], 0.0 * route.at_m)
     east, north, _ = frame.to_local(lat, lon, 0.0 * lat)
     assert np.abs(np.hypot(east, north) - 40.0).max() < 0.05
     chosen_one = RouteFile(path, file_hash(path), "circle", 0.0, route.length_m, "along", 3.0, 1.5, None)

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -115,7 +115,8 @@ class CourseStage(Stage[DriveBox, Tick]):
         numbers = {name for name, value in asdict(usual).items() if isinstance(value, float) and name != "array_x_m"}
         for name in spec.vehicle.keys() - numbers:
             raise InputError(file, "vehicle", "one of " + ", ".join(sorted(numbers)), name)
-        true = replace(usual, **spec.vehicle)
+        changes: dict[str, Any] = dict(spec.vehicle)
+        true = replace(usual, **changes)
         assert isinstance(true.rear, float)
         self.world, self._host = world, spec.host
         self._body = Body(true, world, world.start(spec.start_m), self.faults, seed, spec.gnss_slow_m)

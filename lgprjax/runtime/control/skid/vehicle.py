@@ -447,6 +447,7 @@ class SkidSteerVehicle:
     def next_place(self, by: int) -> dict[str, str] | None:
         """A plan has one place for a vehicle."""
         del by
+        return None
 
     def _found(self) -> SkidFound:
         """Findings of the watches and of the last step."""
