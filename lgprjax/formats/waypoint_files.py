@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Iterator
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -175,14 +176,14 @@ _BOUNDS = {"latitude_deg": 90.0, "longitude_deg": 180.0}
 
 
 def _track(file: Path, name: str, rows: list[_Row]) -> WaypointTrack:
-    columns = [
+    latitude, longitude, height, heading, gear = (
         np.array([_number(file, name, at, row, column) for at, row in enumerate(rows, 1)])
         for column in ("latitude_deg", "longitude_deg", "height_m", "heading_deg", "gear")
-    ]
-    gear = np.where(np.isfinite(columns[4]), columns[4], 1.0)
+    )
+    gear = np.where(np.isfinite(gear), gear, 1.0)
     if set(np.unique(gear)) - {-1.0, 1.0}:
         raise InputError(file, f"{name}: gear", "1 or -1", f"{gear[np.abs(gear) != 1.0][0]:g}")
-    return WaypointTrack(name, *columns[:4], gear.astype(np.int64))
+    return WaypointTrack(name, latitude, longitude, height, heading, gear.astype(np.int64))
 
 
 def _number(file: Path, name: str, at: int, row: _Row, column: str) -> float:
@@ -215,16 +216,19 @@ def _geojson_rows(file: Path) -> Iterable[tuple[str, list[_Row]]]:
     tracks: dict[str, list[_Row]] = {}
     for feature in features if isinstance(features, list) else []:
         known = feature if isinstance(feature, dict) else {}
-        geometry = known.get("geometry") or known
-        if geometry.get("type") != "LineString":
+        geometry, properties = known.get("geometry", known), known.get("properties")
+        if not isinstance(geometry, dict) or geometry.get("type") != "LineString":
             continue
-        properties = known.get("properties") or {}
+        properties = properties if isinstance(properties, dict) else {}
         rows = tracks.setdefault(str(properties.get("name") or file.stem), [])
-        headings, gear = properties.get("heading_deg"), properties.get("gear")
-        for number, place in enumerate(geometry.get("coordinates") or []):
-            row = dict(zip(("longitude_deg", "latitude_deg", "height_m"), place, strict=False))
-            own = isinstance(headings, list) and number < len(headings)
-            rows.append(row | {"heading_deg": headings[number] if own else None, "gear": gear})
+        places, headings = (
+            each if isinstance(each, list) else []
+            for each in (geometry.get("coordinates"), properties.get("heading_deg"))
+        )
+        for place, heading in zip_longest(places, headings[: len(places)]):
+            numbers = place if isinstance(place, list) else []
+            row = dict(zip(("longitude_deg", "latitude_deg", "height_m"), numbers, strict=False))
+            rows.append(row | {"heading_deg": heading, "gear": properties.get("gear")})
     return tracks.items()
 
 

@@ -130,12 +130,12 @@ class ControlTable(ConfigTable):
     fastest_engage_mps: float = Field(default=4.5, gt=0.0, le=30.0)
     override_torque_nm: float = Field(default=4.0, gt=0.0, le=50.0)
 
-    @field_validator("cross_sigmas_m")
-    @classmethod
-    def _rise(cls, sigmas_m: list[float]) -> list[float]:
-        if not 0.0 < sigmas_m[0] < sigmas_m[1] < sigmas_m[2] <= 1.0:
-            raise BrokenRuleError("cross_sigmas_m", "three rising numbers above 0, at most 1", str(sigmas_m))
-        return sigmas_m
+    @model_validator(mode="after")
+    def _sigmas_rise(self) -> "ControlTable":
+        free_m, slow_m, stop_m = self.cross_sigmas_m
+        if not 0.0 < free_m < slow_m < stop_m <= 1.0:
+            raise BrokenRuleError("cross_sigmas_m", "three rising numbers above 0, at most 1", str(self.cross_sigmas_m))
+        return self
 
 
 class CoverageTable(ConfigTable):

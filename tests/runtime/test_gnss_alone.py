@@ -15,6 +15,7 @@ from lgprjax.autopilot import Mode
 from lgprjax.navigation import Reason
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.setup import load
+from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
 from lgprjax.simulation.devices.world import CourseWorld
 from refusals import refused
 
@@ -80,6 +81,12 @@ def test_a_receiver_too_coarse_to_drive_by_is_refused(config: RuntimeConfig) -> 
     alone = config.model_copy(update={"map": "", "ports": config.ports.model_copy(update={"radar": None})})
     with refused("navigation.gnss_error_sigma_m", 0.25, found="0.3"):
         load(alone)
+
+
+def test_an_unknown_number_of_the_simulated_vehicle_is_refused(world: CourseWorld) -> None:
+    spec = CourseSpec(seed=2, length_m=150.0, drive_seed=1, ports="", truth="", vehicle={"wheels": 4.0})
+    with refused("vehicle", "rear", "wheelbase_m", file="spec.json", found="wheels"):
+        CourseStage(spec, world, Path("spec.json"), 0)
 
 
 @pytest.mark.parametrize("apart_m", [0.0, 0.06])

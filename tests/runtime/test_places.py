@@ -43,7 +43,13 @@ def test_a_relaunched_control_process_begins_at_the_place_that_was_driven(
     loop._came.append(Record(RecordKind.REQUEST, Source.DISPLAY, 0, loop._now_ns, asked))
     out: list[Record] = []
     step = loop.core.step
-    loop.core.step = lambda *args: out.extend(found := step(*args)) or found  # type: ignore[method-assign]
+
+    def noted(tick: int, now_ns: int, came: list[Record]) -> list[Record]:
+        found = step(tick, now_ns, came)
+        out.extend(found)
+        return found
+
+    loop.core.step = noted  # type: ignore[method-assign]
     loop.run(4.0)
     for record in out:
         selected.keep([record])
