@@ -24,7 +24,7 @@ from lgprjax.autopilot import (
     PedalWatchState,
     init_limiter,
     init_wheel_sensors,
-    limit_command,
+    limit_while_engaged,
     step_pedal_watch,
     step_wheel_sensors,
 )
@@ -115,12 +115,16 @@ class _Numbers(NamedTuple):
 @jax.jit
 def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[LimiterState, Float[Array, " result"]]:
     told, yes = named_numbers(_Numbers, numbers)
-    measured = jnp.where(jnp.isfinite(told.measured_rad), told.measured_rad, 0.0)
-    held = jax.tree.map(lambda on, off: jnp.where(yes.engaged, on, off), state, init_limiter(measured))
-    wanted = Command(jnp.where(yes.engaged, told.front_rad, measured), told.throttle, told.brake)
-    rules = _RULES._replace(largest_front_rad=jnp.where(yes.engaged, told.largest_rad, jnp.inf))
-    state, command, bits = limit_command(rules, held, wanted, told.age_s, told.step_s)
-    return state, jnp.stack([*command, bits.astype(jnp.float32)])
+    state, bits = limit_while_engaged(
+        _RULES._replace(largest_front_rad=told.largest_rad),
+        state,
+        Command(told.front_rad, told.throttle, told.brake),
+        told.age_s,
+        told.step_s,
+        engaged=yes.engaged,
+        front_rad=told.measured_rad,
+    )
+    return state, jnp.stack([*state.last, bits.astype(jnp.float32)])
 
 
 class LoadedManoeuvre(NamedTuple):
