@@ -97,9 +97,10 @@ def _cmu(row: int, cell: int, text: str) -> None:
     Path("seq/gpr_meas.csv").write_text("\n".join(lines) + "\n")
 
 
-def _gps(fixes: int, first: int = 1) -> None:
+def _gps(fixes: int, first: int = 1) -> Path:
     _lines()
     Path("L1.GPS").write_text(gps_text([[gga(n)] for n in range(fixes)], first=first), newline="")
+    return Path("L1.GPS")
 
 
 def _run_files(scale: float = 1.0) -> None:
@@ -434,7 +435,7 @@ SAID: dict[str, tuple[Callable[[], object], str, str, tuple[str, ...]]] = {
         (),
     ),
     "a damaged file of a receiver": (
-        lambda: (_gps(12), Path("L1.GPS").write_bytes(Path("L1.GPS").read_bytes().replace(b"Trace #7", b"Trace x7"))),
+        lambda: _gps(12).write_bytes(Path("L1.GPS").read_bytes().replace(b"Trace #7", b"Trace x7")),
         "import L1.DT1",
         "note: L1.GPS: not used: line 13",
         (),

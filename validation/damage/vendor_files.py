@@ -399,7 +399,9 @@ def check_damages(name: str, count: int, folder: Path) -> dict[str, int]:
                 as_text = which in subject.text and rng.random() < 0.6
                 data = _damage_text(rng, data) if as_text else _damage_bytes(rng, data)
             (folder / which).write_bytes(data)
-            how, fault = trial(path, partial=bool(rng.random() < 0.5))
+            # A companion is tried by a whole import.
+            longest_s = _LONGEST_S if subject.fatal else 10.0 * _LONGEST_S
+            how, fault = trial(path, partial=bool(rng.random() < 0.5), longest_s=longest_s)
             ended[how] += 1
             if fault:
                 wrong.append(f"{number} ({which}): {fault}")
