@@ -390,7 +390,7 @@ def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dic
     grid = grid_of_field(field, config.coverage.cell_m, loaded.setup.tool.width_m)
     held = WorkedMap(grid, loaded.setup.tool, config.coverage.shared_sigma_m)
     if loaded.taken_up is not None:
-        held.take_up(grid, loaded.taken_up.probability)
+        held.take_up(loaded.taken_up.grid, loaded.taken_up.probability)
     for time_ns, cover in covers:
         held.take(cover, time_ns)
     inside = inside_cells(field, grid)

@@ -43,7 +43,8 @@ class HandDriven(NamedTuple):
         """Share of the way of the tool's middle, while it worked, that a map claims."""
         tool = self.loaded.setup.tool
         poses, works = self.truth()
-        x, y = body_to_local(*poses[works].T, tool.ahead_m, tool.left_m)
+        east, north, yaw = poses[works].T
+        x, y = body_to_local(east, north, yaw, tool.ahead_m, tool.left_m)
         row = np.floor((y - grid.north_m) / grid.cell_m).astype(int)
         column = np.floor((x - grid.east_m) / grid.cell_m).astype(int)
         there = (row >= 0) & (row < grid.north_cells) & (column >= 0) & (column < grid.east_cells)

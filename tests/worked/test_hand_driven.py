@@ -63,8 +63,9 @@ def test_the_record_has_the_way_and_no_ground_beside_it(driven: HandDriven, tmp_
     assert len(record.passes.run) == 2
     assert sum(record.passes.length_m) == pytest.approx(2 * 6.0, abs=0.6)
     # The field is the convex outline of where the tool truly was.
+    east, north, yaw = poses[works].T
     corners = [
-        np.stack(body_to_local(*poses[works].T, record.tool.ahead_m + ahead, record.tool.left_m + left), axis=1)
+        np.stack(body_to_local(east, north, yaw, record.tool.ahead_m + ahead, record.tool.left_m + left), axis=1)
         for ahead in (-0.5 * record.tool.length_m, 0.5 * record.tool.length_m)
         for left in (-0.5 * record.tool.width_m, 0.5 * record.tool.width_m)
     ]

@@ -64,7 +64,7 @@ class CoverageProcess:
         self._overview: dict[str, Any] | None = None
         self._map = self._open() if self._table.plan is None else self._open_field(self._table.plan)
         self._map.warm_up()
-        self._shape(np.zeros((), COVER))
+        self._shape(np.zeros(1, COVER)[0])
         with suppress(OSError, ValueError, KeyError), np.load(self._kept) as kept:
             self._map.take_up(CellGrid(**json.loads(str(kept["grid"]))), kept["probability"])
 
@@ -160,8 +160,8 @@ class CoverageProcess:
     def _shape(self, cover: np.void) -> dict[str, Any]:
         """The tool and its shape at the level, in body axes, for the errors of a row."""
         tool, known = self._tool, not int(cover["stop"]) & StopBits.HEADING
-        numbers = (jnp.asarray(cover[name], jnp.float32) for name in ToolMoment._fields[:-1])
-        moment = ToolMoment(*numbers, jnp.asarray(known))
+        x, y, yaw, covariance = (jnp.asarray(cover[name], jnp.float32) for name in ToolMoment._fields[:-1])
+        moment = ToolMoment(x, y, yaw, covariance, jnp.asarray(known))
         shape = claimed_shape(tool, moment, jnp.float32(self._level), jnp.float32(self._table.shared_sigma_m))
         border = np.asarray(shape.border_m, np.float64)
         return {
