@@ -109,6 +109,7 @@ def test_a_bag_without_its_metadata_is_told_so(here: Path) -> None:
     [(f"a.{each}", "docs/compatibility.md") for each in ("dt", "3dra")]
     + [(f"a.{each}", "docs/own_radar.md") for each in ("npy", "mat", "vol")],
 )
+@pytest.mark.usefixtures("here")
 def test_a_format_that_a_page_explains_points_to_it(name: str, page: str) -> None:
     Path(name).write_bytes(b"x")
     done = run("import", name, "-o", "x.drive.h5")
