@@ -245,7 +245,7 @@ class ManoeuvreKind:
             )
             self._front = angles.front_rad
             if self._moves:
-                bits |= self._pedal_findings(sensed.wheels, speed, sensed.step_s)
+                bits |= self._pedal_findings(wheels, speed, sensed.step_s)
                 self._compare(speed, sensed.step_s)
         bits |= self._wheel_findings(sensed.step_s)
         found, events = self._shared.step(
