@@ -133,9 +133,10 @@ def first_day(
 
 
 def _drive(folder: Path, config: Path) -> Driven:
-    figures = folder / f"{config.stem}.json"
+    figures = folder / f"{config.name.split('.')[0]}.json"
     done = run("run", config, "--simulate", "--lockstep", "--json", figures)
     assert done.status == 0, (done.out[-1500:], done.err[-1500:])
+    (folder / f"{config.name.split('.')[0]}.said").write_text(done.out, encoding="utf-8")
     found: dict[str, Any] = json.loads(figures.read_text(encoding="utf-8"))
     return Driven(found["tracking_rms_m"], found["tracking_largest_m"], found["engaged_way_m"], found["modes"])
 
