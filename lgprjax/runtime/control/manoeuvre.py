@@ -112,7 +112,7 @@ class _Numbers(NamedTuple):
 
 @jax.jit
 def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[LimiterState, Float[Array, " result"]]:
-    told = _Numbers(*numbers)
+    told: Any = _Numbers(*numbers)
     measured = jnp.where(jnp.isfinite(told.measured_rad), told.measured_rad, 0.0)
     held = jax.tree.map(lambda on, off: jnp.where(told.engaged > 0.5, on, off), state, init_limiter(measured))
     wanted = Command(jnp.where(told.engaged > 0.5, told.front_rad, measured), told.throttle, told.brake)
@@ -239,7 +239,7 @@ class ManoeuvreKind:
             )
             self._front = angles.front_rad
             if self._moves:
-                bits |= self._pedal_findings(sensed.wheels, speed, sensed.step_s)
+                bits |= self._pedal_findings(wheels, speed, sensed.step_s)
                 self._compare(speed, sensed.step_s)
         bits |= self._wheel_findings(sensed.step_s)
         found, events = self._shared.step(

@@ -323,11 +323,11 @@ class Senses(LineSenses):
     """Takes the lines' messages one by one.
 
     Args:
-        frame: of the map.
+        frame: of the map; without one the first position becomes its anchor.
         sensors: of the configuration.
     """
 
-    def __init__(self, frame: LocalFrame, sensors: SensorsTable) -> None:
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
         super().__init__(frame, sensors, "drive_status")
         self.fix: np.void | None = None
         self.travel_m = 0.0
