@@ -1,9 +1,9 @@
-"""A vehicle with throttle and brake on a slope, for the tests: textbook laws in steps of two milliseconds."""
+"""A vehicle with throttle and brake on a slope, for the tests: textbook laws in steps of five milliseconds."""
 
 import math
 from dataclasses import dataclass
 
-GRAVITY_MPS2, _STEP_S = 9.81, 0.002
+GRAVITY_MPS2, _STEP_S = 9.81, 0.005
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,14 @@ class PedalledPlant:
     def step(self, throttle: float, brake: float, step_s: float) -> None:
         """Hold the pedals for a while."""
         told = self.numbers
+        thrust = told.throttle_mps2 * max(min(throttle, 1.0) - told.throttle_from, 0.0)
+        held = told.brake_mps2 * max(min(brake, 1.0) - told.brake_from, 0.0)
+        gained = 1.0 - math.exp(-_STEP_S / told.throttle_lag_s)
+        pressed = 1.0 - math.exp(-_STEP_S / told.brake_lag_s)
         for _ in range(round(step_s / _STEP_S)):
-            wanted = told.throttle_mps2 * max(min(throttle, 1.0) - told.throttle_from, 0.0)
-            self._thrust += (wanted - self._thrust) * (1.0 - math.exp(-_STEP_S / told.throttle_lag_s))
-            share = 1.0 - math.exp(-_STEP_S / told.brake_lag_s)
-            self.brake += (min(brake, 1.0) - self.brake) * share
-            self._held += (told.brake_mps2 * max(min(brake, 1.0) - told.brake_from, 0.0) - self._held) * share
+            self._thrust += (thrust - self._thrust) * gained
+            self.brake += (min(brake, 1.0) - self.brake) * pressed
+            self._held += (held - self._held) * pressed
             self._move(self._thrust - GRAVITY_MPS2 * told.slope)
 
     def _move(self, pushes_mps2: float) -> None:

@@ -168,12 +168,10 @@ class CalibratedVehicle:
     def engaged(self) -> "CalibratedVehicle":
         """Until the manoeuvre runs."""
         self.ready()
-        self.press("steering")
-        assert self.last.mode is Mode.STEERING, self.events[-3:]
+        assert self.press("steering")[-1].mode is Mode.STEERING, self.events[-3:]
         if self.kind.speed_control:
             self.run(0.5)
-            self.press("plus")
-            assert self.last.mode is Mode.SPEED, self.events[-3:]
+            assert self.press("plus")[-1].mode is Mode.SPEED, self.events[-3:]
         return self
 
     def _step(self) -> None:
@@ -209,8 +207,8 @@ class CalibratedVehicle:
         command: dict[str, Any] = {"front_rad": 0.0, "throttle": 0.0, "brake": 0.0, "engage": 0}
         for record in self.core.step(self._tick, self._now_ns, came):
             if record.kind is RecordKind.PORT_OUT and record.source is Source.DRIVE_BY_WIRE:
-                frame = decode(record.payload)
-                command = dict(frame.fields) if frame.name == "drive_command" else command
+                sent = decode(record.payload)
+                command = dict(sent.fields) if sent.name == "drive_command" else command
             elif record.kind is RecordKind.PLAN:
                 self._row = record.payload
             elif record.kind is RecordKind.EVENT:

@@ -19,6 +19,7 @@ from canon.course_moments import Moment
 from lgprjax.autopilot import EngagementInhibit, Mode
 from lgprjax.autopilot.monitors import Watch
 from lgprjax.runtime.control.manoeuvre import ManoeuvreKind, load_manoeuvre
+from lgprjax.runtime.control.manoeuvre_programs import PedalProgram
 from lgprjax.runtime.words import ARRIVED
 from lgprjax.simulation.devices.faults import FAULTS as FAULTS_OF_DEVICES
 from lgprjax.simulation.devices.faults import Schedule, read_items
@@ -229,14 +230,13 @@ def test_a_relaunched_control_process_commands_nothing_by_itself() -> None:
     vehicle.restart(after_death=True)
     ticks = vehicle.run(5.0)
     assert free(ticks)
-    assert vehicle.last.mode is Mode.ERROR
+    assert ticks[-1].mode is Mode.ERROR
     assert free(vehicle.press("steering", "plus"))
     vehicle.foot = True
     vehicle.press("override")
     vehicle.run(3.0)
     vehicle.foot = False
-    vehicle.run(0.2)
-    assert vehicle.last.mode is Mode.READY, vehicle.events[-3:]
+    assert vehicle.run(0.2)[-1].mode is Mode.READY, vehicle.events[-3:]
     vehicle.press("steering")
     vehicle.press("plus")
     assert vehicle.last.mode is Mode.SPEED
@@ -651,14 +651,14 @@ def staged(level: CourseWorld) -> dict[str, Moment]:
             "pedals",
             {
                 "probing": lambda loop: loop.stage._known.last.throttle > 0.15,
-                "pressing": lambda loop: loop.kind_of_manoeuvre._pedals.proven and _speed(loop) > 2.0,
+                "pressing": lambda loop: _program(loop).proven and _speed(loop) > 2.0,
             },
         ),
     ):
         config = config_of(commands, area_m=1000.0)
         loaded = load_manoeuvre(config)
         presses = PRESSES[:1] if commands == "steering" else PRESSES
-        loop = StagedLoop(level, config, loaded, presses, [], fixes=False, manoeuvre={"kind": "stand"})
+        loop = OnboardLoop(level, config, loaded, presses, [], fixes=False, manoeuvre={"kind": "stand"})
         for name, holds in moments.items():
             assert loop.run(60.0, until=holds), loop.events
             found[name] = Moment(loop, (level, config, loaded))
@@ -666,18 +666,13 @@ def staged(level: CourseWorld) -> dict[str, Moment]:
     return found
 
 
-class StagedLoop(OnboardLoop):
-    """The simulated devices before the control loop of a manoeuvre."""
-
-    @property
-    def kind_of_manoeuvre(self) -> ManoeuvreKind:
-        """The manoeuvre in the control loop."""
-        assert isinstance(self.core.kind, ManoeuvreKind)
-        return self.core.kind
-
-
 def _speed(loop: OnboardLoop) -> float:
     return loop.stage._known.last.speed_mps
+
+
+def _program(loop: OnboardLoop) -> PedalProgram:
+    assert isinstance(loop.core.kind, ManoeuvreKind)
+    return loop.core.kind._pedals
 
 
 @pytest.mark.parametrize(

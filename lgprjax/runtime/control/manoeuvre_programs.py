@@ -91,12 +91,13 @@ _SMOOTHED_S, _ANSWER_S = 0.3, 0.6
 """Of the speed, for its rise; and time for which a released throttle still pushes."""
 _PROVING_MPS, _UNPROVEN_MPS = 1.2, 2.0
 """Speed from which the brake is proven, and which the vehicle never exceeds before."""
-_PROVEN_FROM_MPS, _MOST_BRAKING_MPS2 = 0.5, 8.0
+_MOST_BRAKING_MPS2 = 8.0
+"""A speed that falls faster is not the vehicle's."""
 LEAST_BRAKING_MPS2 = 0.4
 """By which a proven brake slows the vehicle, beyond what rolling does."""
 _OVER_MPS = 1.0
-_SLOWS_AFTER_S, _SLOWS_MPS2 = 2.0, 0.25
-"""A brake that has been pressed for so long has slowed the vehicle by more than this."""
+_SLOWS_S, _SLOWS_MPS = 2.0, 0.5
+"""In so long a pressed brake slows the vehicle by so much, or below the speed at which it moves."""
 
 
 class PedalProgram:
@@ -117,7 +118,7 @@ class PedalProgram:
         self._fastest_mps = fastest_mps
         self._phase, self._time_s = Phase.REST, 0.0
         self._throttle, self._moved_at = 0.0, math.inf
-        self._smooth_mps, self._coasting_mps2 = 0.0, 0.0
+        self._smooth_mps, self._coasted_mps, self._coasting_mps2 = 0.0, 0.0, 0.0
         self._braked_mps, self._braked_s = 0.0, 0.0
 
     @property
@@ -194,7 +195,7 @@ class PedalProgram:
         elif phase is Phase.BACK and (over or coming_mps >= self.cap_mps + 0.5):
             self._go(Phase.COAST)
         elif phase is Phase.COAST and (over or speed_mps < _SLOW_MPS or speed_mps >= self.cap_mps + 0.2):
-            self._coasting_mps2 = max(-rises_mps2, 0.0)
+            self._coasted_mps, self._coasting_mps2 = speed_mps, max(-rises_mps2, 0.0)
             # A brake that has not been seen to act is not eased.
             self._go(Phase.BRAKE if self.proven else Phase.HALT)
         elif phase in (Phase.BRAKE, Phase.EASE, Phase.HALT) and abs(speed_mps) < _STANDS_MPS:
@@ -219,9 +220,8 @@ class PedalProgram:
     def _stand(self) -> None:
         """A run ends; the second one proves the brake."""
         if self.runs == -1:
-            slowed_mps2 = self._braked_mps / self._braked_s
-            acts = self._coasting_mps2 + LEAST_BRAKING_MPS2 < slowed_mps2 < _MOST_BRAKING_MPS2
-            if not (acts and self._braked_mps > _PROVEN_FROM_MPS):
+            slowed_mps2 = self._coasted_mps / self._time_s
+            if not self._coasting_mps2 + LEAST_BRAKING_MPS2 < slowed_mps2 < _MOST_BRAKING_MPS2:
                 self._fail("the brake has not been seen to slow the vehicle")
                 return
             self.proven = True
@@ -235,8 +235,10 @@ class PedalProgram:
         if self._braked_s == 0.0:
             self._braked_mps = speed_mps
         self._braked_s += step_s
-        slowed_mps = max(abs(self._braked_mps) - _SLOWS_MPS2 * self._braked_s, _MOVES_MPS)
-        if self._braked_s > _SLOWS_AFTER_S and abs(speed_mps) > slowed_mps:
+        if self._braked_s < _SLOWS_S:
+            return
+        self._braked_s = 0.0
+        if abs(speed_mps) > max(abs(self._braked_mps) - _SLOWS_MPS, _MOVES_MPS):
             self.dead = True
             self._fail("the brake does not slow the vehicle")
 

@@ -326,7 +326,7 @@ class Senses(LineSenses):
     """Takes the lines' messages one by one.
 
     Args:
-        frame: of the map or the routes.
+        frame: of the map or the routes; without one the first position becomes its anchor.
         sensors: of the configuration.
         level: see ``GnssSenses``.
     """
