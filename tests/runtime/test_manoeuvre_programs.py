@@ -73,7 +73,7 @@ VEHICLES = {
 
 def steering(amplitude_rad: float) -> tuple[SteeringProgram, np.ndarray, list[float]]:
     program = SteeringProgram(amplitude_rad)
-    angles, shares = [], []
+    angles, shares = list[float](), list[float]()
     while program.share < 1.0:
         assert len(angles) < 100.0 / TICK_S
         shares.append(program.share)
