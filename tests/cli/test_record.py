@@ -181,9 +181,10 @@ def test_without_ins_and_radar_there_are_tracks(tmp_path: Path) -> None:
     [
         ([('mode = "record"', 'mode = "record"\nmap = "x.map.h5"')], "map, routes, coverage", "record"),
         ([("gnss = {", "# gnss = {"), ("radar = {", "# radar = {")], "ports", "gnss or radar"),
-        ([('mode = "record"', 'mode = "drive"')], "ports.controller", "record"),
+        ([('mode = "record"', 'mode = "drive"')], "map, routes, coverage", "routes"),
+        ([('mode = "record"', 'mode = "drive"'), ("controller = {", "# controller = {")], "ports.controller", "record"),
     ],
-    ids=["map", "lines", "drive"],
+    ids=["map", "lines", "drive", "controller"],
 )
 def test_configurations_say_what_their_mode_needs(
     tmp_path: Path, changes: list[tuple[str, str]], place: str, named: str

@@ -85,7 +85,7 @@ def test_a_receiver_too_coarse_to_drive_by_is_refused(config: RuntimeConfig) -> 
 
 def test_an_unknown_number_of_the_simulated_vehicle_is_refused(world: CourseWorld) -> None:
     spec = CourseSpec(seed=2, length_m=150.0, drive_seed=1, ports="", truth="", vehicle={"wheels": 4.0})
-    with refused("vehicle", "rear", "wheelbase_m", file="spec.json", found="wheels"):
+    with refused("vehicle.wheels", "wheelbase_m", file="spec.json"):
         CourseStage(spec, world, Path("spec.json"), 0)
 
 
