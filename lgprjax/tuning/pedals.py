@@ -389,7 +389,7 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     runs = cut_runs(signals, WHAT)
     scale = odometer_scale(signals)
     fit = fit_way(runs, _by_fixes(signals, runs, scale)[None])
-    value, sigma = fit.value[0], np.hypot(fit.sigma[0], np.where(LAGS, COMMAND_SIGMA_S, 0.0))
+    value, sigma = fit.value[0], np.hypot(fit.sigma[0], _by_late_commands(runs, fit.value))
     way_m = float(np.ptp(signals.travel_m[runs.record]))
     if fit.rms_m[0] > 0.05 * way_m:
         raise NotExcitedError(WHAT, "a distance that the commands explain", f"a difference of {fit.rms_m[0]:.2f} m rms")
@@ -443,6 +443,25 @@ def fit_way(runs: PedalRuns, travel_m: Float[np.ndarray, "lane record"]) -> WayF
         damping = np.where(better, 0.1 * damping, 5.0 * damping)
     weight = _huber(residual)
     return _way_fit(runs, value, _levelled(runs, slope, weight[:, None]), _levelled(runs, raw, weight))
+
+
+def _by_late_commands(runs: PedalRuns, value: Float[np.ndarray, "1 parameter"]) -> Float[np.ndarray, " parameter"]:
+    """What a fit makes of a pedal that acts later by ``COMMAND_SIGMA_S``: a longer lag, and other gains with it."""
+    way, slope = predict_way(runs, value)
+    even = np.ones_like(way)
+    level_slope = _levelled(runs, slope, even[:, None])[0]
+    share = COMMAND_SIGMA_S / np.maximum(runs.step_s, COMMAND_SIGMA_S)
+    fresh = np.diff(runs.run, prepend=-1) != 0
+
+    def moved(pedal: str) -> Float[np.ndarray, " parameter"]:
+        command = getattr(runs, pedal)
+        late = command + share * (np.where(fresh, command, np.roll(command, 1)) - command)
+        later, _ = predict_way(runs._replace(**{pedal: late}), value)
+        difference = _levelled(runs, later - way, even)[0]
+        return np.asarray(np.linalg.lstsq(level_slope.T, difference, rcond=None)[0])
+
+    # The fit may give a delay to the dead zone; the lag is not known better for that.
+    return np.maximum(np.hypot(moved("throttle"), moved("brake")), np.where(LAGS, COMMAND_SIGMA_S, 0.0))
 
 
 def _by_fixes(signals: DriveSignals, runs: PedalRuns, scale: Estimate | None) -> Float[np.ndarray, " record"]:
