@@ -73,7 +73,8 @@ VEHICLES = {
 
 def steering(amplitude_rad: float) -> tuple[SteeringProgram, np.ndarray, list[float]]:
     program = SteeringProgram(amplitude_rad)
-    angles, shares = [], []
+    angles: list[float] = []
+    shares: list[float] = []
     while program.share < 1.0:
         assert len(angles) < 100.0 / TICK_S
         shares.append(program.share)
