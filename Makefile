@@ -26,15 +26,20 @@ validation campaign: $(VENV)/.test
 gprmax: $(VENV)/.test $(GPRMAX)/.gprmax
 	LGPRJAX_GPRMAX=$(CURDIR)/$(GPRMAX)/bin/python $(MAKE) validation NAME=full_wave
 
-# Every mutant of the command limiter must be killed. The tool changes files in place, hence the copy.
+# Every mutant of the command limiter must be killed, and of the manoeuvres' programmes all but equivalent ones. The tool
+# changes files in place, hence the copy.
 mutants: $(VENV)/.test
 	$(PIP) install --constraint constraints.txt cosmic-ray
-	rm -rf build/mutants && mkdir -p build/mutants/tests/autopilot
-	cp -r lgprjax build/mutants/ && cp tests/autopilot/test_limiter.py tests/autopilot/test_skid_limiter.py build/mutants/tests/autopilot/
-	cd build/mutants && PATH="$(CURDIR)/$(BIN):$$PATH" PYTHONPATH=. && export PATH PYTHONPATH \
-	&& cosmic-ray init $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
-	&& cosmic-ray exec $(CURDIR)/tests/autopilot/mutants.toml limiter.sqlite \
-	&& cr-report limiter.sqlite | tail -3 && cr-rate --fail-over 0 limiter.sqlite
+	rm -rf build/mutants && mkdir -p build/mutants/tests/autopilot build/mutants/tests/runtime
+	cp -r lgprjax build/mutants/ && cp tests/pedalled_plant.py build/mutants/tests/
+	cp tests/autopilot/test_limiter.py tests/autopilot/test_skid_limiter.py build/mutants/tests/autopilot/
+	cp tests/runtime/test_manoeuvre_programs.py build/mutants/tests/runtime/
+	cd build/mutants && PATH="$(CURDIR)/$(BIN):$$PATH" PYTHONPATH=.:tests && export PATH PYTHONPATH \
+	&& for each in autopilot:0 runtime:7; do room=$${each%:*}; \
+	     cosmic-ray init $(CURDIR)/tests/$$room/mutants.toml $$room.sqlite \
+	     && cosmic-ray exec $(CURDIR)/tests/$$room/mutants.toml $$room.sqlite \
+	     && cr-report $$room.sqlite | tail -3 && cr-rate --fail-over $${each#*:} $$room.sqlite || exit 1; \
+	   done
 
 # Branches of the numeric rooms, by their own tests and by those that drive them as a whole. A quarter of an hour.
 ROOMS := autopilot coverage navigation pso radar registration scene subsurface vehicle

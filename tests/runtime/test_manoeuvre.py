@@ -141,6 +141,7 @@ PEDAL_PARTS: dict[str, Callable[[Told], bool]] = {
     "proving": lambda told: told.runs == -1 and told.speed_mps > 0.8,
     "pressing": lambda told: told.runs == 0 and told.speed_mps > 2.0,
     "braking": lambda told: told.runs == 0 and told.speed_mps > 1.0 and told.brake > 0.3,
+    "late": lambda told: told.runs == 5 and told.speed_mps > 2.0,
 }
 
 
@@ -153,7 +154,7 @@ def in_part(part: str) -> CalibratedVehicle:
 def _in_part(part: str) -> CalibratedVehicle:
     if part in PEDAL_PARTS:
         vehicle = CalibratedVehicle("pedals").engaged()
-        vehicle.until(PEDAL_PARTS[part], 60.0)
+        vehicle.until(PEDAL_PARTS[part], 120.0)
         return vehicle
     vehicle = CalibratedVehicle("steering").engaged()
     vehicle.run({"step": 20.0, "sweep": 50.0}[part])
@@ -363,13 +364,13 @@ FAULTS: dict[str, tuple[Change, tuple[str, ...], float, float]] = {
     "wheels spin": (set_to(wheels_gain=3.0), ("at rest", "pressing"), 22.0, 2.9),
     "speed zero, way sound": (set_to(shown={"speed_mps": 0.0}), ("at rest", "probing", "pressing"), 12.0, 2.9),
     "speed held": (set_to(shown={"speed_mps": 0.2}), ("at rest", "probing", "pressing"), 12.0, 2.9),
-    "speed no number": (set_to(shown={"speed_mps": math.nan}), tuple(PEDAL_PARTS), 0.02, 2.9),
-    "way no number": (set_to(shown={"odometer_m": math.nan}), tuple(PEDAL_PARTS), 0.02, 2.9),
+    "speed no number": (set_to(shown={"speed_mps": math.nan}), ("at rest", "probing", "pressing"), 0.02, 2.9),
+    "way no number": (set_to(shown={"odometer_m": math.nan}), ("at rest", "probing", "pressing"), 0.02, 2.9),
     "GNSS silent": (set_to(gnss=False), ("at rest", "probing", "pressing", "braking"), 1.2, 3.2),
     "GNSS coarse": (set_to(gnss_sigma_m=2.5), ("probing", "pressing"), 0.12, 2.9),
     "GNSS held": (set_to(gnss_held=0.0), ("at rest", "proving", "pressing"), 26.0, 2.9),
     "GNSS jumps": (set_to(gnss_m=3.0), ("at rest", "proving", "pressing"), 0.12, 2.9),
-    "throttle stuck": (set_to(throttle_stuck=0.5), ("at rest", "probing"), 0.5, 2.0),
+    "throttle stuck": (set_to(throttle_stuck=0.5), ("at rest", "probing"), 0.5, 0.6),
     "throttle stuck at speed": (set_to(throttle_stuck=0.7), ("pressing",), 0.5, 3.5),
     "no brake pressure": (set_to(brake_lost=True), ("at rest", "braking"), 0.5, 2.9),
     "wheels turn by themselves": (set_to(servo_radps=0.5), ("at rest", "probing", "pressing"), 0.6, 2.9),
@@ -411,6 +412,29 @@ def test_a_vehicle_whose_wheels_say_that_it_stands_is_braked_until_the_operator_
     assert released_s(vehicle.press("override")) == 0.0
 
 
+def test_wheels_are_compared_since_the_last_standstill_and_a_moment_apart_is_enough() -> None:
+    vehicle = in_part("late")
+    vehicle.wheels_gain = 0.0
+    assert idle_s(vehicle.run(3.0)) <= 0.6
+    vehicle = in_part("pressing")
+    vehicle.gnss_m = 3.0
+    # A single position.
+    vehicle.run(0.1)
+    vehicle.gnss_m = 0.0
+    assert idle_s(vehicle.run(3.0)) == 0.0
+    assert "wheels and GNSS give different speeds" in [why for event in vehicle.events for why in event.get("why", ())]
+
+
+def test_a_speed_or_a_way_that_is_no_number_is_told() -> None:
+    for name in ("speed_mps", "odometer_m"):
+        vehicle = in_part("pressing")
+        vehicle.shown = {name: math.nan}
+        vehicle.run(0.1)
+        assert [event["why"] for event in vehicle.events if event.get("event") == "HEALTH_STOP"][-1] == [
+            "speed unknown"
+        ]
+
+
 def test_a_throttle_stuck_wide_open_is_cut() -> None:
     vehicle = in_part("pressing")
     vehicle.throttle_stuck = 1.0
@@ -420,6 +444,16 @@ def test_a_throttle_stuck_wide_open_is_cut() -> None:
     within_limits(vehicle)
     vehicle.run(6.0)
     assert vehicle.plant.speed_mps == 0.0
+
+
+def test_a_vehicle_that_is_faster_than_it_should_be_is_cut() -> None:
+    """Whatever pushes it."""
+    for part, limit_mps in (("proving", 2.0), ("pressing", FASTEST_MPS + 1.0)):
+        vehicle = in_part(part)
+        vehicle.plant.numbers = PlantNumbers(slope=-0.25)
+        ticks = vehicle.until(lambda told: told.engage == CUT, 1.5)
+        assert vehicle.last.watch & Watch.SPEED_RISES
+        assert max(told.speed_mps for told in ticks) < limit_mps + 0.2
 
 
 @pytest.mark.parametrize(("part", "slope"), [("proving", -0.02), ("braking", -0.02), ("pressing", -0.03)])
@@ -496,14 +530,24 @@ def test_it_does_not_leave_its_stretch(numbers: PlantNumbers, area_m: float, gai
     assert vehicle.last.runs == runs
 
 
-def test_a_run_ends_before_the_end_of_the_stretch() -> None:
-    """Even one that rolls on and on."""
-    vehicle = CalibratedVehicle("pedals", area_m=60.0).engaged()
-    vehicle.until(PEDAL_PARTS["pressing"], 60.0)
-    vehicle.plant.numbers = PlantNumbers(slope=-0.05, brake_mps2=3.0, brake_from=0.3)
-    vehicle.until(lambda told: told.mode not in (Mode.STEERING, Mode.SPEED), 60.0)
-    assert vehicle.plant.way_m <= 60.0
+def test_a_run_ends_where_the_vehicle_can_still_stop_on_the_stretch() -> None:
+    vehicle = in_part("pressing")
+    began_m = next(told.way_m for told in vehicle.told if told.engage & PEDALS)
+    # At two metres a second it takes five.
+    vehicle.odometer_m += 197.0 - (vehicle.plant.way_m - began_m)
+    ticks = vehicle.until(lambda told: told.mode is Mode.MANUAL, 6.0)
+    assert idle_s(ticks) <= 0.02
+    assert moved_m(ticks) < 4.0
     within_limits(vehicle)
+
+
+def test_ground_is_used_by_wheels_or_positions_whichever_went_farther() -> None:
+    for shift_m, most_m in ((-30.0, 0.0), (40.0, 40.0)):
+        vehicle = in_part("late")
+        began_m = next(told.way_m for told in vehicle.told if told.engage & STEERING)
+        vehicle.odometer_m += shift_m
+        vehicle.run(0.02)
+        assert vehicle.kind._gone_m == pytest.approx(vehicle.plant.way_m - began_m + most_m, abs=0.5)
 
 
 def test_a_stretch_that_no_run_fits_on_is_refused_at_rest() -> None:

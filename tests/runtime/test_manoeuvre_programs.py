@@ -73,7 +73,8 @@ VEHICLES = {
 
 def steering(amplitude_rad: float) -> tuple[SteeringProgram, np.ndarray, list[float]]:
     program = SteeringProgram(amplitude_rad)
-    angles, shares = list[float](), list[float]()
+    angles: list[float] = []
+    shares: list[float] = []
     while program.share < 1.0:
         assert len(angles) < 100.0 / TICK_S
         shares.append(program.share)
@@ -199,6 +200,8 @@ def test_before_the_brake_is_proven_it_is_slower_than_two_metres_a_second(
     assert {tick.brake for tick in unproven} == {0.0, 0.4, 0.6}
     proof = [tick for tick in unproven if tick.runs == -1]
     assert 0.9 < max(tick.speed_mps for tick in proof) < 1.5
+    # Not on ground that has already stopped it.
+    assert next(tick.speed_mps for tick in proof if tick.brake == 0.6) > 0.5
 
 
 def test_speeds_and_ways_of_the_runs_are_bounded(whole: tuple[str, PedalProgram, list[Tick]]) -> None:
