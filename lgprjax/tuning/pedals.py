@@ -394,7 +394,7 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     if fit.rms_m[0] > 0.05 * way_m:
         raise NotExcitedError(WHAT, "a distance that the commands explain", f"a difference of {fit.rms_m[0]:.2f} m rms")
     # A parameter at its limit, or with no finite error, is as open as one with a large error.
-    known = (sigma < LARGEST_SIGMA) & (value < MOST)
+    known = (fit.sigma[0] < LARGEST_SIGMA) & (value < MOST)
     if not known.all():
         open_names = ", ".join(name for name, commanded in zip(PEDAL_NAMES, known, strict=True) if not commanded)
         raise NotExcitedError(WHAT, "steps that determine every parameter", f"undetermined: {open_names}")
@@ -461,7 +461,8 @@ def _by_late_commands(runs: PedalRuns, value: Float[np.ndarray, "1 parameter"]) 
         return np.asarray(np.linalg.lstsq(level_slope.T, difference, rcond=None)[0])
 
     # The fit may give a delay to the dead zone; the lag is not known better for that.
-    return np.maximum(np.hypot(moved("throttle"), moved("brake")), np.where(LAGS, COMMAND_SIGMA_S, 0.0))
+    both = np.hypot(moved("throttle"), moved("brake"))
+    return np.asarray(np.maximum(both, np.where(LAGS, COMMAND_SIGMA_S, 0.0)))
 
 
 def _by_fixes(signals: DriveSignals, runs: PedalRuns, scale: Estimate | None) -> Float[np.ndarray, " record"]:

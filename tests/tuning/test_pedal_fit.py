@@ -36,7 +36,8 @@ def test_every_number_is_found(sensors: VehicleSensors) -> None:
     for name, number, exact in zip(PEDAL_NAMES, found, EXACT, strict=True):
         assert abs(number.value - exact) < 4.0 * number.sigma, name
         assert number.low < number.value < number.high
-        assert number.sigma < 0.04 * exact + 0.002, name
+        # Commands that may act 10 ms later are most of it.
+        assert number.sigma < 0.05 * exact + 0.002, name
     assert fit.runs == 3
     assert fit.rms_m == pytest.approx(0.002, rel=0.1)
     assert fit.metres_per_odometer_metre is not None
