@@ -11,23 +11,19 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from lgprjax.autopilot import (
     Check,
-    Command,
     Event,
     Limited,
-    LimiterRules,
-    LimiterState,
     PedalReading,
     PedalWatchState,
     init_limiter,
     init_wheel_sensors,
-    limit_command,
     step_pedal_watch,
     step_wheel_sensors,
 )
+from lgprjax.autopilot.manoeuvre_step import ManoeuvreNumbers, step_manoeuvre
 from lgprjax.autopilot.monitors import (
     REFUSING,
     BoxState,
@@ -77,16 +73,6 @@ ASSUMED = {
 """Numbers of a servo that no study has found yet; no limit depends on them."""
 _LARGEST_SHARE = 0.8
 """Of the largest wheel angle, that is commanded."""
-_RULES = LimiterRules(
-    largest_front_rad=jnp.float32(0.0),
-    # Faster than any servo of a heavy vehicle, so that its own rate shows.
-    front_rate_radps=jnp.float32(2.0),
-    throttle_rate_per_s=jnp.float32(1.0),
-    brake_rate_per_s=jnp.float32(4.0),
-    oldest_s=jnp.float32(0.2),
-    default_brake=jnp.float32(0.5),
-    release_rate_radps=jnp.float32(0.1),
-)
 _ENGAGE_MPS = 0.3
 """Faster than that a manoeuvre is not engaged: it begins at standstill."""
 _WALKING_MPS = 2.0
@@ -95,30 +81,6 @@ _RUN_S = 12.0
 _PEDAL = PedalBelief(pre_tension=0.0, dead_zone=0.0, gain_mps2=1.0, lag_s=1.0)
 _PEDALS = PedalsBelief(_PEDAL, _PEDAL, rolling_mps2=0.0, drag_per_s=0.0)
 """No study has found them yet, and no finding depends on them where the watch is given no speed to trust."""
-
-# The compiled part: the limiter, which follows the wheels while nothing is engaged.
-
-
-class _Numbers(NamedTuple):
-    front_rad: float
-    throttle: float
-    brake: float
-    age_s: float
-    step_s: float
-    measured_rad: float
-    engaged: float
-    largest_rad: float
-
-
-@jax.jit
-def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[LimiterState, Float[Array, " result"]]:
-    told: Any = _Numbers(*numbers)
-    measured = jnp.where(jnp.isfinite(told.measured_rad), told.measured_rad, 0.0)
-    held = jax.tree.map(lambda on, off: jnp.where(told.engaged > 0.5, on, off), state, init_limiter(measured))
-    wanted = Command(jnp.where(told.engaged > 0.5, told.front_rad, measured), told.throttle, told.brake)
-    rules = _RULES._replace(largest_front_rad=jnp.where(told.engaged > 0.5, told.largest_rad, jnp.inf))
-    state, command, bits = limit_command(rules, held, wanted, told.age_s, told.step_s)
-    return state, jnp.stack([*command, bits.astype(jnp.float32)])
 
 
 class LoadedManoeuvre(NamedTuple):
@@ -211,7 +173,8 @@ class ManoeuvreKind:
     def warm_up(self) -> None:
         """Compile the limiter."""
         for _ in range(2):
-            self._limiter, row = _limited(self._limiter, as_vector(_Numbers(*[0.0] * len(_Numbers._fields))))
+            numbers = ManoeuvreNumbers(*[0.0] * len(ManoeuvreNumbers._fields))
+            self._limiter, row = step_manoeuvre(self._limiter, as_vector(numbers))
         jax.block_until_ready(row)
 
     def take(self, record: Record, tick: int) -> None:
@@ -322,7 +285,7 @@ class ManoeuvreKind:
             throttle, brake = self._pedals.step(wheels.number("speed_mps"), step_s, stop=stop)
         else:
             self._pedals.restart()
-        numbers = _Numbers(
+        numbers = ManoeuvreNumbers(
             front,
             throttle,
             brake,
@@ -332,7 +295,7 @@ class ManoeuvreKind:
             float(wish.engaged),
             self._largest_rad,
         )
-        self._limiter, row = _limited(self._limiter, as_vector(numbers))
+        self._limiter, row = step_manoeuvre(self._limiter, as_vector(numbers))
         front, throttle, brake, bits = np.asarray(row).tolist()
         self._result = (front, throttle, brake, bits)
 
