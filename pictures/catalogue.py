@@ -179,7 +179,7 @@ PICTURES: dict[str, Picture] = {
     "driven-course.png": _of("loop", "loop", "draw_course", "lgprjax/report/drive.py"),
     "closed-loop.png": Picture(_closed_loop, (*LOOP, *PAGE)),
     "display-record.png": Picture(_record, (*SITE, *PAGE, "lgprjax/runtime/radargram.py")),
-    **{f"display-{name}.png": _display(name) for name in ("day", "night", "error", "field")},
+    **{f"display-{name}.png": _display(name) for name in ("day", "night", "error", "field", "calibrate")},
 }
 """Every picture that ``make pictures`` draws, by the name of its file."""
 

@@ -148,6 +148,29 @@ def _shoot(
     return Image.open(io.BytesIO(tab.picture())).convert("RGB")
 
 
+def _calibrating() -> dict[str, Any]:
+    """In the middle of the pedal steps."""
+    from lgprjax.studies.calibration import STEPS
+
+    step = next(each for each in STEPS if each.name == "pedals")
+    return {
+        "mode": "SPEED",
+        "manoeuvre": step.title,
+        "prompt": step.prompt,
+        "share": 5.0 / 12.0,
+        "speed_mps": 2.6,
+        "cap_mps": 3.5,
+        "throttle": 0.36,
+        "brake": 0.0,
+        "pose": [0.0, 0.0, 0.4],
+        "path": [],
+        "warnings": [],
+        "processes": dict.fromkeys(("control", "recorder", "display", "monitor"), "ready"),
+        "monitor": {"free_mb": 48200.0, "memory_mb": 22616.0},
+        "recording": {"lost": 0},
+    }
+
+
 def _states() -> dict[str, tuple[dict[str, Any], dict[str, Any] | None, bool]]:
     from runtime.display.served_page import DRIVING
     from validation.loops.browsed_page import ERROR, FIELD, PLACE, PLAN, WORKED
@@ -157,6 +180,7 @@ def _states() -> dict[str, tuple[dict[str, Any], dict[str, Any] | None, bool]]:
         "day": (DRIVING | PLACE, None, False),
         "night": (DRIVING | PLACE, None, True),
         "error": (ERROR, None, False),
+        "calibrate": (_calibrating(), None, False),
         "field": (FIELD, WORKED | {"plan": PLAN | {"swaths": swaths, "reverse": [], "keep_outs": []}}, False),
     }
 

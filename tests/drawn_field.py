@@ -3,7 +3,7 @@
 import json
 import struct
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from uuid import UUID
 
 import numpy as np
@@ -124,8 +124,11 @@ def write_cover_run(
     begin_s: float = 0.0,
     plan_sha256: str | None = None,
     machine: str | None = None,
+    header: dict[str, Any] | None = None,
+    anchor: list[float] | None = None,
 ) -> None:
-    """A run by a plan with these moments and two events, its UUID told by its beginning."""
+    """A run with these moments and two events, its UUID told by its beginning; ``header`` and ``anchor`` of a run
+    without a plan."""
     folder.mkdir(parents=True)
     run = UUID(int=RUN.int ^ int(begin_s))
     begin_ns = MONO_NS + int(1e9 * begin_s)
@@ -136,8 +139,14 @@ def write_cover_run(
 
     head = head_bytes(0, 0, utc_ns=UTC_NS, mono_ns=MONO_NS, run=run)
     parts = [head, own_bytes(0, run=run, dropped={"control_log": 0})]
-    told = {0: {"event": "speed_engaged", "mode": "speed"}, len(rows) - 1: {"event": "route_done"}}
-    header = {"version": "0", "plan_sha256": plan_sha256} | ({} if machine is None else {"machine": machine})
+    told: dict[int, dict[str, Any]] = {
+        0: {"event": "speed_engaged", "mode": "speed"},
+        len(rows) - 1: {"event": "route_done"},
+    }
+    if anchor is not None:
+        told[0] = {"anchor": anchor}
+    if header is None:
+        header = {"version": "0", "plan_sha256": plan_sha256} | ({} if machine is None else {"machine": machine})
     parts.append(record(1, _HEADER, begin_ns, json.dumps(header).encode()))
     number = 2
     for row, at_s in enumerate(time_s):

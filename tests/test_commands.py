@@ -39,7 +39,7 @@ from vendor_sets import write_cmu, write_gprmax, write_iprb, write_segy
 # What is run here, as it stands on its page and in its order: page, and which of its commands.
 HERE = {
     "vendors": ("docs/surveys.md", r"import (iprb|segy|cmu|gprmax) .*"),
-    "field": ("docs/coverage.md", r"cover .*"),
+    "field": ("docs/coverage.md", r"cover (?!record RUN ).*"),
     "transfer": ("docs/transfer.md", r"(import mcap|export) .*"),
 }
 _A_FIELD = "cli/test_run_field.py::test_a_field_is_driven_recorded_and_replayed_to_the_same_frames"
@@ -48,6 +48,9 @@ _REAL_TIME = "../validation/loops/test_real_time.py::test_in_real_time_nothing_i
 _RESUMED = "worked/test_resume.py::test_a_run_that_was_cut_is_taken_up_where_it_ended"
 # Verbs that take minutes, a cluster, a run or a drive of their own: the tests that run them, on less of it.
 ELSEWHERE = {
+    "calibrate": ("cli/test_calibrate.py",),
+    "radar lookup": ("cli/test_radar.py",),
+    "radar plate": ("cli/test_radar.py",),
     "demo": (
         "cli/test_cli.py::test_what_cannot_be_used_costs_nothing",
         "test_public.py::test_a_session_runs_as_it_stands",

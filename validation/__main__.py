@@ -47,6 +47,7 @@ VALIDATIONS = {
     "drives": Validation("many and large drives: days, map updates, refinement, clusters, killed workers", 230),
     "fields": Validation("random fields, worked-area claims under other laws, killed and resumed field runs", 300),
     "filters": Validation("consistency of navigation filters, smoothers and the pose graph over many drives", 6),
+    "first_day": Validation("three vehicles on a mile: recorded, calibrated, driven by RTK and by LGPR in snow", 120),
     "full_wave": Validation("generated echoes and lines against gprMax", 20, "LGPRJAX_GPRMAX"),
     "loops": Validation("closed loops, faults on board and killed recorders in full length", 500),
     "notebooks": Validation("every notebook runs from a fresh clone", 15),

@@ -79,6 +79,7 @@ def plan_coverage(
     field: PathLike,
     vehicle: PathLike,
     *,
+    polygon: str | None = None,
     overlap: float = 0.2,
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "zamboni",
     turning_room_m: float | None = None,
@@ -95,9 +96,10 @@ def plan_coverage(
     """Plan parallel swaths over a field, in driving order, with headland turns that the vehicle can drive.
 
     Args:
-        field: polygon in WGS-84 as GeoJSON with holes, KML, shapefile or CSV, CSV of three corners, or folder of a run
-            with three marked corners.
+        field: polygon in WGS-84 as GeoJSON with holes, KML, KMZ, shapefile or CSV, CSV of three corners, or folder of a
+            run with three marked corners.
         vehicle: skid-steer vehicle with tool and smallest radius, open or its file.
+        polygon: name, or number from 1, of the polygon that is the field, if the file has several.
         overlap: minimum overlap of neighbouring swaths, in tool widths, 0 to below 1.
         order: ``zamboni`` (first, middle, second, ... swath, wide turns to one side), ``boustrophedon`` (neighbouring
             swaths), ``racetrack`` (Zamboni in blocks), ``free`` (cheapest next swath, around keep-outs, with
@@ -152,6 +154,7 @@ def plan_coverage(
         speed_mps,
         confidence,
         drop_out_s,
+        polygon=polygon,
     )
     check_plan_options(options, level)
     record = None if gaps_of is None else path_of(gaps_of, "record")

@@ -4,6 +4,7 @@ In addition to navigation, the inputs hold the measured angle of the front wheel
 limiter follows it, so that the first command after engaging starts from where the wheels are.
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -177,15 +178,37 @@ def step_autopilot(
 
     velocity, throttle, brake = _drive(config, state.velocity, inputs, wanted, along_mps, stops, step_s)
 
-    # Not engaged, nothing is told to anybody: the limiter stands where the operator has the wheels.
-    wheels_known = jnp.isfinite(inputs.front_rad)
-    free = init_limiter(jnp.where(wheels_known, inputs.front_rad, state.limiter.last.front_rad))
-    limiter, _, limited = limit_command(
-        config.limiter, state.limiter, Command(front, throttle, brake), inputs.age_s, step_s
+    command = Command(front, throttle, brake)
+    limiter, limited = limit_while_engaged(
+        config.limiter, state.limiter, command, inputs.age_s, step_s, engaged=engaged, front_rad=inputs.front_rad
     )
-    limiter = jax.tree.map(lambda one, two: jnp.where(engaged, one, two), limiter, free)
-    info = AutopilotInfo(plan, jnp.where(engaged, limited, 0), jnp.where(stops, 0.0, wanted), reachable, ahead_m)
+    info = AutopilotInfo(plan, limited, jnp.where(stops, 0.0, wanted), reachable, ahead_m)
     return AutopilotState(planner, velocity, limiter), limiter.last, info
+
+
+def limit_while_engaged(
+    rules: LimiterRules,
+    state: LimiterState,
+    command: Command,
+    age_s: Float[Array, ""],
+    step_s: Float[Array, ""],
+    *,
+    engaged: Bool[Array, ""],
+    front_rad: Float[Array, ""],
+) -> tuple[LimiterState, Int32[Array, ""]]:
+    """State of the limiter, whose last command is sent, and its bits.
+
+    Not engaged, nothing is told to anybody: the limiter stands where the operator has the wheels.
+
+    Args:
+        rules, state, command, age_s, step_s: see ``limit_command``.
+        engaged: the computer commands the vehicle.
+        front_rad: of the front wheels as measured; NaN where unknown.
+    """
+    free = init_limiter(jnp.where(jnp.isfinite(front_rad), front_rad, state.last.front_rad))
+    limited, _, bits = limit_command(rules, state, command, age_s, step_s)
+    after: LimiterState = jax.tree.map(lambda one, two: jnp.where(engaged, one, two), limited, free)
+    return after, jnp.where(engaged, bits, 0)
 
 
 def _steer(
@@ -255,6 +278,7 @@ def onboard_setup(
     tick_s: float,
     gnss_period_s: float,
     risk: float,
+    has_lgpr: bool = True,
     weak_exponent: float = 0.0,
     least_share: float = 1.0,
 ) -> OnboardSetup:
@@ -268,6 +292,7 @@ def onboard_setup(
         tick_s: of the loop.
         gnss_period_s: from one position to the next.
         risk: largest accepted probability of a false match.
+        has_lgpr: there are fixes of LGPR.
         weak_exponent, least_share: as in ``AutopilotConfig``.
     """
     one = jnp.float32
@@ -281,7 +306,7 @@ def onboard_setup(
             heading_period_s=tick_s,
             odometer_period_s=tick_s,
             # Fixes come in stretches: a metre or two of poor ground is normal.
-            lgpr_period_s=0.5,
+            lgpr_period_s=0.5 if has_lgpr else math.inf,
             risk=risk,
         ),
     )

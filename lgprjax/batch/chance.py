@@ -107,9 +107,9 @@ def measure_chance(source: MapFile) -> Chance:
     spacing_m = _line_spacing_m(source)
     # Between lines of one channel a gap is twice as wide without the line; arrays overlap where they can be compared.
     left_out_m = 2.0 * spacing_m if description.channels == 1 else spacing_m
-    errors = _left_out_errors(source, options, channels, tail)
+    errors, apart_m2 = _left_out_errors(source, options, channels, tail)
     scale, left_out = fit_sigma_scale(errors, spacing_m, left_out_m, wavelength_m)
-    return tail._replace(sigma_scale=scale, left_out=left_out)
+    return tail._replace(sigma_scale=scale, left_out=left_out, label_scatter_m=_label_scatter_m(apart_m2))
 
 
 def _false_tail(source: MapFile, options: RegisterOptions, channels: int) -> Chance:
@@ -223,26 +223,27 @@ def _scans_of(source: MapFile, swapped: _Swapped, channels: int) -> LiveScans:
 
 def _left_out_errors(
     source: MapFile, options: RegisterOptions, channels: int, chance: Chance
-) -> Float[np.ndarray, " piece"]:
-    """Squared errors of left-out baselines' places on the others' ground, in units of their matches' and labels'
-    covariance.
+) -> tuple[Float[np.ndarray, " piece"], Float[np.ndarray, " line"]]:
+    """Errors of left-out baselines' places on the others' ground, squared.
 
-    Per degree of freedom, one fix a piece; a constant offset of a baseline's labels is no error of its matches.
+    Returns:
+        in units of their matches' and labels' covariance, per degree of freedom, one fix a piece: a constant offset of
+        a baseline's labels is no error of its matches; and mean of each baseline, m² an axis, less that of matches.
     """
     piece_m = PIECE_M * max(1.0, source.description.settings.wavelength_m)
     numbers = np.unique(source.drive[source.retired == 0])
     if len(numbers) < 2:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     some = numbers[np.unique(np.linspace(0, len(numbers) - 1, _LEFT_OUT).round().astype(int))]
     most_m = _LEFT_OUT_PIECES / len(some) * piece_m
     alone = chance._replace(sigma_scale=1.0)
     label_m2 = np.nan_to_num(np.asarray(source.description.label_sigma_m)) ** 2
-    out = []
+    out, apart_m2 = [], []
     for number in some:
         others = OtherBaselines(source, int(number))
         ground = ground_map_for(others, options)
         prepared = PreparedGround(ground, uniform_array(channels, source.description.channel_pitch_m), keep=8)
-        error_m, covariance, left_m = [], [], most_m
+        error_m, covariance, match_m2, left_m = [], [], [], most_m
         # Labels wander along their baselines, each by itself: what is apart of two is theirs as much as the match's.
         labels_m2 = label_m2[int(number)] + np.mean(label_m2[numbers[numbers != number]])
         for stretch, covered in _stretches_over_others(source, int(number), channels, piece_m):
@@ -258,14 +259,31 @@ def _left_out_errors(
             piece = np.floor(scans.path_m[stops[ok]] / piece_m)
             ok = ok[::-1][np.unique(piece[::-1], return_index=True)[1]]
             error_m.append(np.asarray(fix.pose)[ok, :2] - scans.track.pose[stops[ok], :2])
-            covariance.append(np.asarray(fix.covariance)[ok, :2, :2] - beside[ok] + labels_m2 * np.eye(2))
+            match = np.asarray(fix.covariance)[ok, :2, :2] - beside[ok]
+            match_m2.append(0.5 * np.trace(match, axis1=1, axis2=2))
+            covariance.append(match + labels_m2 * np.eye(2))
         error = np.concatenate(error_m) if error_m else np.zeros((0, 2))
         if len(error) >= _LEAST_LEFT_OUT:
             apart = error - np.median(error, axis=0)
             solved = np.linalg.solve(np.concatenate(covariance), apart[..., None])[..., 0]
             # The median is of the same pieces.
             out.append(0.5 * np.sum(apart * solved, axis=1) * len(error) / (len(error) - 1))
-    return np.concatenate(out) if out else np.zeros(0)
+            apart_m2.append(float(np.mean(error**2) - np.mean(np.concatenate(match_m2))))
+    return np.concatenate(out) if out else np.zeros(0), np.array(apart_m2)
+
+
+_LEAST_LINES = 3
+
+
+def _label_scatter_m(apart_m2: Float[np.ndarray, " line"]) -> float:
+    """Error of a baseline's labels, an axis, from those of each left-out baseline and of the others; 0: not known.
+
+    The labels of the others are wrong as well, by less the more they are.
+    """
+    lines = len(apart_m2)
+    if lines < _LEAST_LINES:
+        return 0.0
+    return float(np.sqrt(max(float(np.mean(apart_m2)), 0.0) / (1.0 + 1.0 / (lines - 1))))
 
 
 def _stretches_over_others(

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float
 
 from lgprjax.batch.radar_health import radar_figures, sweep_blocks, sweep_figures
 from lgprjax.batch.signals import RecordingTraits, SignalBlocks, SignalReducer, block_edges, regular_scans
-from lgprjax.batch.travel import mend_travel
 from lgprjax.batch.verdicts import Findings, HealthFigure, Stretch, Verdict, figure, not_recorded, runs, worst
 from lgprjax.formats import (
     DriveLog,
@@ -22,6 +21,7 @@ from lgprjax.formats import (
     assumed_of,
 )
 from lgprjax.formats.store import open_store, reading
+from lgprjax.formats.travel import mend_travel
 from lgprjax.frames import LocalFrame
 
 # Figures of a drive's clock, odometry and GNSS/INS.

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.batch.travel import Jump, legs_of, mend_travel, scale_by_fixes, silences
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile, NavigationTrack, OdometryTrack, SweepRecording, TraceRecording
 from lgprjax.formats.survey_track import CHORD_M, path_headings_deg
+from lgprjax.formats.travel import Jump, legs_of, mend_travel, scale_by_fixes, silences
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.radar import (
     ArrayGeometry,

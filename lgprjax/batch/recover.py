@@ -19,11 +19,13 @@ from lgprjax.formats import (
     NavigationTrack,
     OdometryTrack,
     OnBoardSearch,
+    SweepLayout,
     SweepRecording,
     TraceRecording,
     VehicleFile,
     VehicleLog,
     complex_rows,
+    read_radar_calibration,
     write_vehicle_log,
 )
 from lgprjax.formats.run_log import (
@@ -34,6 +36,7 @@ from lgprjax.formats.run_log import (
     read_run,
     read_run_record,
 )
+from lgprjax.frames import LocalFrame
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.run_records import FIX, SEARCHED, RecordKind, Source, fix_row, payload_type
 from lgprjax.subsurface import SpatialIndex
@@ -100,11 +103,17 @@ class RowGatherer:
         return np.frombuffer(bytes(self._times), "<i8").astype(np.int64)
 
 
-def signals_of_run(run: RunReading) -> RunSignals:
-    """Gather everything except the samples: some hundred bytes every hundredth of a second."""
+def signals_of_run(run: RunReading, *, own_lookup: bool = True) -> RunSignals:
+    """Gather everything except the samples: some hundred bytes every hundredth of a second.
+
+    Args:
+        run: the run.
+        own_lookup: whether scans of sweeps need the look-up that the radar sent; false where a calibration replaces it.
+    """
+    described = _SCANS if own_lookup else {name: told[:1] for name, told in _SCANS.items()}
     by_message = {name: RowGatherer(frame_type(name)) for name in ("radar_scan", "radar_sweep", "drive_status")}
     box, prior, plan = by_message["drive_status"], RowGatherer(payload_type("prior")), RowGatherer(payload_type("plan"))
-    searches, said = _Searches(), _Said()
+    searches, said = _Searches(), _Said(described)
     for _, data in run:
         record = read_run_record(data)
         if record is None:
@@ -125,8 +134,8 @@ def signals_of_run(run: RunReading) -> RunSignals:
         if rows is not None:
             rows.add(record.mono_ns, record.payload)
     form = "radar_scan" if said.first("radar_sweep_description") is None else "radar_sweep"
-    scans, first = by_message[form], [frame for each in _SCANS[form] if (frame := said.first(each)) is not None]
-    whole = len(first) == len(_SCANS[form])
+    scans, first = by_message[form], [frame for each in described[form] if (frame := said.first(each)) is not None]
+    whole = len(first) == len(described[form])
     told = np.frombuffer(first[0].raw, frame_type(first[0].name), 1)[0] if whole else None
     scan_ns = device_times(scans.rows["session"], scans.rows["stamp_us"], scans.times_ns)
     box_ns = device_times(box.rows["session"], box.rows["stamp_us"], box.times_ns)
@@ -205,9 +214,13 @@ class _Said:
 
     A drive log has one description for all of its scans. A radar that was started anew with other settings, or took
     its look-up anew, tells so before it goes on; the same ones told again change nothing.
+
+    Args:
+        described: messages that describe the scans, by the message that these come in.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, described: dict[str, tuple[str, ...]]) -> None:
+        self._described = described
         self._first: dict[str, Frame] = {}
         self._now: dict[str, Frame] = {}
         self._settled: set[str] = set()
@@ -221,7 +234,7 @@ class _Said:
 
     def scan(self, name: str) -> None:
         """A scan; before anything was told it is taken for one of what is told first."""
-        told = [each for each in _SCANS[name] if each in self._now]
+        told = [each for each in self._described[name] if each in self._now]
         self._settled.update(told)
         self._as_at_first[name].append(all(self._now[each].fields == self._first[each].fields for each in told))
 
@@ -305,7 +318,7 @@ _HOLE_S = 1.0
 
 
 class RecordedTracks(NamedTuple):
-    """What a run that only records has in place of a map: tracks from the messages of its receiver, in seconds since
+    """What a run without a map has in place of it: tracks from the messages of its receiver, in seconds since
     the run's clock, and facts of the array that its radar does not state.
 
     Attributes:
@@ -314,6 +327,7 @@ class RecordedTracks(NamedTuple):
         origin: how headings were obtained, in words.
         channel_pitch_m: spacing of the channels, where the vehicle file does not state their places.
         centre_frequency_hz: of the antennas.
+        frame: of the decisions of the autopilot; ``None`` where there are none.
     """
 
     navigation: NavigationTrack
@@ -321,6 +335,7 @@ class RecordedTracks(NamedTuple):
     origin: str
     channel_pitch_m: float | None = None
     centre_frequency_hz: float | None = None
+    frame: LocalFrame | None = None
 
 
 class RunTracks:
@@ -347,13 +362,14 @@ class RunTracks:
         self.odometry = OdometryTrack(self.seconds_of(signals.box_ns), signals.travel_m)
         self.vehicle = self._vehicle()
         if isinstance(source, RecordedTracks):
-            self.navigation, self.plan, self._longest_s = source.navigation, None, _HOLE_S
+            self.navigation, self.plan, self._longest_s = source.navigation, self._plan(source.frame), _HOLE_S
             # An odometer that fell silent would end the drive there.
             box_s, nav_s = self.odometry.time_s, self.navigation.time_s
             whole = len(box_s) > 1 and box_s[0] < nav_s[0] + _HOLE_S and box_s[-1] > nav_s[-1] - _HOLE_S
             self.odometry = self.odometry if whole else source.odometry
         else:
-            self.navigation, self.plan = self._navigation(source, position_sigma_m), self._plan(source)
+            self.navigation = self._navigation(source, position_sigma_m)
+            self.plan = self._plan(source.description.frame)
             self._longest_s = np.inf
         self.seconds = float(self.navigation.time_s[-1] - self.navigation.time_s[0])
 
@@ -389,9 +405,9 @@ class RunTracks:
             sigma_roll_deg=np.full(len(prior), _SIGMA_ROLL_DEG),
         )
 
-    def _plan(self, source: MapFile) -> dict[str, np.ndarray] | None:
-        plan, frame = self._signals.plan, source.description.frame
-        if not len(plan):
+    def _plan(self, frame: LocalFrame | None) -> dict[str, np.ndarray] | None:
+        plan = self._signals.plan
+        if not len(plan) or frame is None:
             return None
         east, north, yaw = plan["pose"].T.astype(np.float64)
         latitude, longitude, _ = frame.to_geodetic(east, north, np.zeros_like(east))
@@ -471,6 +487,7 @@ def write_run_drive(
     vehicle: VehicleFile | None,
     position_sigma_m: float,
     registration: dict[str, object] | None = None,
+    calibration: str | Path | None = None,
     force: bool = False,
 ) -> RunDrive:
     """Write a run as a drive log; scans are streamed. With fewer than two scans it is a log without radar.
@@ -483,17 +500,18 @@ def write_run_drive(
         source: the map that was driven on, for frame, channels and ground; for a run that only records, its tracks.
         vehicle: that drove, for the place of its array; ``None``: the array is assumed at the antenna.
         position_sigma_m: of the positions, as the run was configured.
+        calibration: of its radar, in place of the radar's own look-up and of gains and delays of the vehicle file.
         force: replace an output that exists.
 
     Raises:
         InputError: there is no run, or neither navigation nor odometry in it; the vehicle file does not say where the
-            array is; the output exists (without ``force``) or cannot be written.
+            array is; the calibration is of other sweeps; the output exists (without ``force``) or cannot be written.
     """
     reading = run if isinstance(run, RunReading) else read_run(run)
     clock = reading.clock
     if clock is None:
         raise InputError(reading.folder, "segments", "a complete segment header, or run.json", "neither")
-    signals = signals_of_run(reading)
+    signals = signals_of_run(reading, own_lookup=calibration is None)
     needed = (("prior", signals.prior), ("drive_status", signals.box))
     for place, rows in () if isinstance(source, RecordedTracks) else needed:
         if len(rows) < 2:
@@ -502,6 +520,7 @@ def write_run_drive(
     t0_utc = datetime.fromtimestamp(clock[0] // 10**9, UTC).replace(microsecond=clock[0] % 10**9 // 1000).isoformat()
     tracks = RunTracks(signals, clock[1], source, position_sigma_m)
     provenance = _provenance(reading, source) | ({} if registration is None else {"registration": registration})
+    provenance |= {} if calibration is None else {"calibration": Path(calibration).name}
     kept = tracks.scans_kept()
     if np.count_nonzero(kept) < 2:
         log = VehicleLog(
@@ -518,7 +537,7 @@ def write_run_drive(
         write_vehicle_log(output, log, force=force)
         return RunDrive(0, len(kept), tracks.seconds)
     assert signals.radar is not None
-    recording = _recording(signals, source, vehicle)
+    recording = _recording(signals, source, vehicle, calibration)
     on_board = None if isinstance(source, RecordedTracks) else _on_board(signals, kept, source)
     pitch_m = (source if isinstance(source, RecordedTracks) else source.description).channel_pitch_m
     array = _array(vehicle, pitch_m, signals.radar, reading.folder)
@@ -546,12 +565,15 @@ def write_run_drive(
 
 
 def _recording(
-    signals: RunSignals, source: MapFile | RecordedTracks, vehicle: VehicleFile | None
+    signals: RunSignals, source: MapFile | RecordedTracks, vehicle: VehicleFile | None, calibration: str | Path | None
 ) -> TraceRecording | SweepRecording:
     """What the radar said of its scans."""
     radar = signals.radar
     assert radar is not None
-    if signals.lookup is None or "steps" not in (radar.dtype.names or ()):
+    layout = layout_of(radar)
+    if layout is None:
+        if calibration is not None:
+            raise InputError(calibration, "sweeps", "a radar of stepped-frequency sweeps", "a radar of finished traces")
         return TraceRecording(
             sample_interval_ns=1e-3 * float(radar["sample_interval_ps"]),
             time_zero_ns=1e-3 * float(radar["time_zero_ps"]),
@@ -562,16 +584,30 @@ def _recording(
             else 1.5e9 / source.description.settings.dewow_ns,
             samples=int(radar["samples"]),
         )
-    lookup, place = complex_rows(signals.lookup), ArrayTable() if vehicle is None else vehicle.array
-    first_hz, step_hz = (1e3 * float(radar[name]) for name in ("first_khz", "step_khz"))
+    place = ArrayTable() if vehicle is None else vehicle.array
+    gain = None if place.channel_gain is None else np.array(place.channel_gain)
+    delay_ns = None if place.channel_delay_ns is None else np.array(place.channel_delay_ns)
+    if calibration is not None:
+        return read_radar_calibration(calibration, layout, gain=gain, delay_ns=delay_ns)
+    assert signals.lookup is not None
+    lookup = complex_rows(signals.lookup)
     return SweepRecording(
-        frequencies_hz=first_hz + step_hz * np.arange(int(radar["steps"])),
+        frequencies_hz=layout.frequencies_hz,
         lookup_sweeps=lookup[:-1],
         lookup_calibration_sweep=lookup[-1],
-        group_delay_ns=1e-3 * float(radar["group_delay_ps"]),
-        channel_gain=None if place.channel_gain is None else np.array(place.channel_gain),
-        channel_delay_ns=None if place.channel_delay_ns is None else np.array(place.channel_delay_ns),
+        group_delay_ns=layout.group_delay_ns,
+        channel_gain=gain,
+        channel_delay_ns=delay_ns,
     )
+
+
+def layout_of(radar: np.void) -> SweepLayout | None:
+    """Layout of the sweeps of a ``radar_sweep_description``; ``None`` for a ``radar_description``."""
+    if "steps" not in (radar.dtype.names or ()):
+        return None
+    first_hz, step_hz = (1e3 * float(radar[name]) for name in ("first_khz", "step_khz"))
+    frequencies_hz = first_hz + step_hz * np.arange(int(radar["steps"]))
+    return SweepLayout(int(radar["channels"]), frequencies_hz, 1e-3 * float(radar["group_delay_ps"]))
 
 
 def _on_board(signals: RunSignals, kept: Bool[np.ndarray, " scan"], source: MapFile) -> OnBoardSearch | None:

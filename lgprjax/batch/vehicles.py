@@ -202,12 +202,12 @@ NEEDED_TO_DRIVE = (
 def open_numbers(vehicle: VehicleFile, *, radar: bool = True) -> list[NeededNumber]:
     """Numbers that driving needs and the file does not have: neither known nor assumed. ``radar``: with its array."""
     held = flat_keys(vehicle.model_dump(exclude_none=True, exclude={"found"}))
-    absent = () if vehicle.speed_control else ("throttle.", "brake.", "resistance.")
-    absent += () if radar else ("array.",)
+    absent: list[str] = [] if vehicle.speed_control else ["throttle.", "brake.", "resistance."]
+    absent += [] if radar else ["array."]
     return [
         each
         for each in NEEDED_TO_DRIVE
-        if not each.path.startswith(absent) and not any(path in held for path in each.path.split("|"))
+        if not each.path.startswith(tuple(absent)) and not any(path in held for path in each.path.split("|"))
     ]
 
 

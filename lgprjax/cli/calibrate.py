@@ -259,6 +259,7 @@ class _Judge:
         self, step: "CalibrationStep", config: "RuntimeConfig", vehicle: Path, run: Path, logs: dict[str, Path]
     ) -> None:
         self._step, self._config, self._vehicle, self._run, self._logs = step, config, vehicle, run, logs
+        self._began, self._left_s = False, 0
 
     def fit(self, log: Path) -> Judged:
         """The verdict on a drive log."""
@@ -290,8 +291,15 @@ class _Judge:
             log.unlink(missing_ok=True)
 
     def over(self, run: "LockStep") -> bool:
-        """Whether a run in simulated time may end: its driver has finished; a commanded manoeuvre ends by itself."""
-        return self._step.commands == "none" and run.driven
+        """Whether a run in simulated time may end: its driver has finished, or has taken over and stays so.
+
+        A commanded manoeuvre that is complete ends by itself.
+        """
+        if self._step.commands == "none":
+            return run.driven
+        self._left_s = 0 if run.engaged else self._left_s + 1
+        self._began |= run.engaged
+        return self._began and self._left_s > _JUDGE_S
 
     @contextmanager
     def beside(self, rings: Path) -> Iterator[None]:

@@ -110,19 +110,20 @@ class CoverExport:
 
 @dataclass(frozen=True)
 class CoverPlanVerb:
-    """Plan parallel swaths over a field, in driving order, with turns that the vehicle can drive.
+    """Plan parallel swaths over a field, in driving order, with drivable turns.
 
-    FIELD is a polygon in WGS-84 (GeoJSON with holes and polygons of kind keep_out, KML, shapefile, or CSV of corners),
-    a CSV of three corners (latitude_deg,longitude_deg, in driving order), or the folder of a run with three marked
-    corners. With --gaps the command plans only the gaps of a record.
+    FIELD is a polygon in WGS-84 (GeoJSON with holes and polygons of kind keep_out, KML, KMZ, shapefile, CSV), a CSV of
+    three corners (latitude_deg,longitude_deg, in driving order), or the folder of a run with marked corners.
     """
 
     field: Annotated[
-        Positional[Path], arg(metavar="FIELD", help="X.geojson, X.kml, X.shp, X.csv, or the folder of a run")
+        Positional[Path], arg(metavar="FIELD", help="X.geojson, X.kml, X.kmz, X.shp, X.csv, or a run's folder")
     ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.cover.geojson", help="plan to write")]
     vehicle: Path
     """vehicle file of a skid-steer vehicle, with tool and smallest turning radius"""
+    polygon: Annotated[str | None, arg(metavar="NAME")] = None
+    """name or number of the field's polygon, of several"""
     overlap: float = 0.2
     """minimum overlap of neighbouring swaths, in tool widths"""
     order: Literal["zamboni", "boustrophedon", "racetrack", "free", "best"] = "best"
@@ -176,6 +177,7 @@ class CoverPlanVerb:
             self.confidence,
             self.drop_out_s,
             self.least_width_m,
+            self.polygon,
         )
         check_plan_options(options, self.level)
         check_outputs(self.output, self.json, self.picture, force=self.force)
@@ -218,10 +220,9 @@ class CoverRecord:
         Positional[tuple[Path, ...]],
         arg(metavar="RUN...", help="folders of recorded runs; with --cart, GNSS logs"),
     ]
-    plan: Annotated[
-        tuple[Path, ...], arg(metavar="X.cover.geojson...", help="plan of the field, then plans of its gaps")
-    ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="R.worked.h5", help="record to write")]
+    plan: Annotated[tuple[Path, ...], arg(metavar="X.cover.geojson...")] = ()
+    """plan of the field, then plans of its gaps; default: the convex outline of the passes of runs without a plan"""
     evidence: Annotated[Path | None, arg(metavar="E.toml")] = None
     """task, hazard area, machine, operator, control points, finds, detonations; see docs/coverage.md"""
     cart: Annotated[Path | None, arg(metavar="V.vehicle.toml")] = None
@@ -264,12 +265,20 @@ class CoverRecord:
                 else:
                     from lgprjax.runtime.cart import read_cart_run
 
+                    if not plans:
+                        raise UsageError("--cart: needs --plan as well")
+
                     runs.append(read_cart_run(folder, self.cart, plans[0]))
+            for note in runs[-1].provenance.get("notes", ()):
+                say(f"{folder}: {note}")
             if self.smooth:
+                from lgprjax.runtime.cart import smooth_cart_run
                 from lgprjax.runtime.smoothed import smooth_run
 
                 with working(f"smoothing {folder}"):
-                    runs[-1], _ = smooth_run(runs[-1])
+                    # Only the runs of a cart say of the tool that it was not measured.
+                    cart = "tool" in runs[-1].provenance
+                    runs[-1] = smooth_cart_run(runs[-1]) if cart else smooth_run(runs[-1])[0]
         with progress_bar("computing cells", sum(len(run.rows) for run in runs), "ticks") as progress:
             record = record_cover(plans, runs, cell_m=self.cell_m, levels=levels, evidence=evidence, progress=progress)
         write_worked(self.output, record, force=self.force)

@@ -55,8 +55,8 @@ class CheckVerb:
         Positional[tuple[Path, ...]],
         arg(
             metavar="FILE...",
-            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5; "
-            "other HDF5 files by their schema attribute",
+            help=".drive.h5, .map.h5, .fixes.h5, .fixes.csv, .route.toml, .vehicle.toml, .cover.geojson, .worked.h5, "
+            ".radar.h5; other HDF5 files by their schema attribute",
         ),
     ]
     health: bool = False
@@ -357,6 +357,8 @@ class Recover:
     """map of the run, if it has moved"""
     vehicle: Path | None = None
     """vehicle file of the run, if it has moved"""
+    calibration: Annotated[Path | None, arg(metavar="X.radar.h5")] = None
+    """calibration of a stepped-frequency radar, instead of that in the configuration of the run"""
     force: bool = False
     """replace existing outputs"""
 
@@ -378,7 +380,13 @@ class Recover:
             raise InputError(self.folder, "run", expected, "a run of a field plan, without radar")
         with working(f"writing {self.output}"):
             drive = drive_of_run(
-                reading, config, self.output, map_file=self.map, vehicle_file=self.vehicle, force=self.force
+                reading,
+                config,
+                self.output,
+                map_file=self.map,
+                vehicle_file=self.vehicle,
+                calibration=self.calibration,
+                force=self.force,
             )
         left_out = f", {drive.left_out} left out" if drive.left_out else ""
         verdict(

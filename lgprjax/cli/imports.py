@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from tyro.conf import Positional, arg
 
@@ -93,19 +93,20 @@ def _sample(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-def finished(output: Path) -> None:
-    """Print assumed quantities, position and extent, and the written file."""
+def finished(verb: Any) -> None:
+    """Print assumed quantities, with the options of the verb that set them, position and extent, and its output."""
     from lgprjax.formats import DriveLog, assumed_in_words, assumed_of
 
+    output: Path = verb.output
     with DriveLog.open(output) as log:
         description = log.description
         size = f"{counted(log.scans, 'scan')}, {counted(log.channels, 'channel')}"
     assumed = assumed_of(description.provenance)
     if assumed:
         say(f"assumed, not recorded: {assumed_in_words(assumed)}")
-    if "time zero" in assumed:
+    if "time zero" in assumed and hasattr(verb, "time_zero_ns"):
         say("time zero was set to the first sample (see --time-zero-ns)")
-    if "place on the earth" in assumed:
+    if "place on the earth" in assumed and hasattr(verb, "origin"):
         say("the local origin was set to latitude 0, longitude 0 (see --latitude-deg)")
     say(place_in_words(description.navigation, description.array, known="place on the earth" not in assumed))
     verdict(f"wrote {output}: {size}", f"check {output} --health")
@@ -176,7 +177,7 @@ class ImportGrounded:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True)
@@ -209,7 +210,7 @@ class ImportCmu:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True)
@@ -255,7 +256,7 @@ class ImportGprMax:
                 output=self.output,
                 force=self.force,
             )
-        finished(self.output)
+        finished(self)
 
 
 # ``lgprjax import mcap``: a recording of ROS 2 messages to a drive log.
@@ -294,6 +295,8 @@ class ImportMcap:
     """sigma of positions without covariance"""
     heading_sigma_deg: float | None = None
     """sigma of headings without covariance"""
+    calibration: Annotated[Path | None, arg(metavar="X.radar.h5")] = None
+    """calibration of a stepped-frequency radar, from lgprjax radar; replaces the look-up in RadarArray"""
     force: Force = False
 
     def run(self) -> None:
@@ -314,12 +317,13 @@ class ImportMcap:
                 ),
                 array=None if given == (None, None, None) else array,
                 assumed=McapAssumed(self.gnss_m, self.gnss_sigma_m, self.heading_sigma_deg),
+                calibration=self.calibration,
                 output=self.output,
                 force=self.force,
             )
         for note in imported.notes:
             say(note)
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True)
@@ -402,7 +406,9 @@ class _FoundInTraces:
         line_spacing_m: float | None = None,
         lines_at_m: tuple[float, ...] | None = None,
         first_line_m: float = 0.0,
+        channel: int | None = None,
         sample_interval_ns: float | None = None,
+        sample_format: Literal["ibm", "ieee"] | None = None,
     ) -> None:
         from lgprjax.formats import import_lines
 
@@ -417,7 +423,9 @@ class _FoundInTraces:
                 time_zero=self.time_zero if self.time_zero_ns is None else self.time_zero_ns,
                 polarity=polarity,
                 reversed_lines=self.reversed_lines,
+                channel=channel,
                 sample_interval_ns=sample_interval_ns,
+                sample_format=sample_format,
                 utm_zone=self.utm_zone,
                 partial=self.partial,
                 latitude_deg=self.origin.latitude_deg,
@@ -426,7 +434,7 @@ class _FoundInTraces:
                 force=self.force,
             )
         print_survey(survey)
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -439,12 +447,15 @@ class ImportLine(_FoundInTraces):
 
     def run(self) -> None:
         """Import."""
+        self._import_one()
+
+    def _import_one(self, channel: int | None = None) -> None:
         if self.file.is_dir():
             raise InputError(self.file, "file", "a recording", "a folder")
         if self.file.suffix.lower() not in self.suffixes:
             expected = f"a name that ends in {' or '.join(self.suffixes)} (lgprjax import FILE recognises the format)"
             raise InputError(self.file, "file name", expected, repr(self.file.name))
-        self._import((self.file,))
+        self._import((self.file,), channel=channel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -459,6 +470,12 @@ class ImportDzt(ImportLine):
     """Import a GSSI file, .DZT."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".dzt",)
+    channel: int | None = None
+    """channel to import of two antennas in one place, counted from 0"""
+
+    def run(self) -> None:
+        """Import."""
+        self._import_one(self.channel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -483,6 +500,8 @@ class ImportIprb:
     output: Output
     length_m: float | None = None
     """length of the line, if measured by tape; default: from the measuring wheel"""
+    partial: bool = False
+    """import the complete traces of truncated files"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -492,15 +511,22 @@ class ImportIprb:
         from lgprjax.formats import import_iprb
 
         with working(f"importing {len(self.files)} file(s)"):
-            import_iprb(
-                self.files, place=self.origin.place(), length_m=self.length_m, output=self.output, force=self.force
+            cut = import_iprb(
+                self.files,
+                place=self.origin.place(),
+                length_m=self.length_m,
+                partial=self.partial,
+                output=self.output,
+                force=self.force,
             )
-        finished(self.output)
+        if cut is not None:
+            say(f"note: read {cut}")
+        finished(self)
 
 
 @dataclass(frozen=True)
 class ImportSegy:
-    """Import a SEG-Y file, .sgy or .segy (needs: pip install lgprjax[segy]).
+    """Import a SEG-Y file, .sgy or .segy.
 
     Coordinates in the trace headers, in degrees, or in metres with --utm-zone, give the position of every trace.
     Without them the line is straight, from the local origin along the heading.
@@ -516,6 +542,10 @@ class ImportSegy:
     """UTM zone of coordinates in metres, such as 19N"""
     length_m: float | None = None
     """length of the line, if measured by tape; replaces the coordinates of the headers"""
+    sample_format: Literal["ibm", "ieee"] | None = None
+    """coding of float samples; default: that of the header, unless the samples contradict it"""
+    partial: bool = False
+    """import the complete traces of a truncated file"""
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
@@ -528,15 +558,17 @@ class ImportSegy:
                 self.file,
                 sample_interval_ns=self.sample_interval_ns,
                 time_zero_ns=self.time_zero_ns,
+                sample_format=self.sample_format,
                 utm_zone=self.utm_zone,
                 place=self.origin.place(),
                 length_m=self.length_m,
+                partial=self.partial,
                 output=self.output,
                 force=self.force,
             )
         for note in notes:
             say(f"note: {note}")
-        finished(self.output)
+        finished(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -560,8 +592,12 @@ class ImportLines(_FoundInTraces):
     """with --line-spacing-m: position of the first line, to the right of the local origin"""
     polarity: Literal["auto", "keep"] = "auto"
     """auto: invert lines with a sign opposite to the majority; keep: as recorded"""
+    channel: int | None = None
+    """channel to import of DZT files with several, counted from 0"""
     sample_interval_ns: float | None = None
     """two-way travel time between samples of SEG-Y lines, if the headers do not contain it"""
+    sample_format: Literal["ibm", "ieee"] | None = None
+    """coding of float samples of SEG-Y lines; default: that of the header, unless the samples contradict it"""
 
     def run(self) -> None:
         """Import."""
@@ -572,5 +608,7 @@ class ImportLines(_FoundInTraces):
             line_spacing_m=self.line_spacing_m,
             lines_at_m=self.lines_at_m,
             first_line_m=self.first_line_m,
+            channel=self.channel,
             sample_interval_ns=self.sample_interval_ns,
+            sample_format=self.sample_format,
         )

@@ -29,7 +29,6 @@ _EXTRA_FOR = {
     "rosbag": "import rosbag",
     "notebook": "notebooks/",
     "onboard": "lgprjax run",
-    "segy": "import segy",
     "signals": "import signals from Parquet",
     "test": "make test",
 }

@@ -104,6 +104,9 @@ class _Line:
         """Nothing to close."""
 
 
+_WORKED = (RecordKind.COVER, RecordKind.CORNER, RecordKind.EVENT)
+
+
 class _Log:
     """The writing end of a ring buffer, directly to the recording."""
 
@@ -137,12 +140,15 @@ class LockStep:
         # The computer's clock at the beginning, so that dates of the recording are right.
         self._begin_ns = self._now_ns = self._due_ns = time.monotonic_ns()
         self.stage = make(self._begin_ns)
-        self._records = not config.commands
-        self._loaded = None if self._records else load_vehicle(config)
+        # Without a map scans are recorded, not searched.
+        self._records = not config.map
+        self._loaded = load_vehicle(config) if config.commands else None
         session = draw_session()
-        self.core: ControlCore | RecordCore = RecordCore(config)
-        if self._loaded is not None:
-            self.core = ControlCore(config, self._loaded, session=session, after_death=False)
+        self.core: ControlCore | RecordCore = (
+            RecordCore(config)
+            if self._loaded is None
+            else ControlCore(config, self._loaded, session=session, after_death=False)
+        )
         run = uuid.uuid4().bytes
         tell_run(folder, run, config.file)
         self._writer = SegmentWriter(folder, run, 0, 0, config.recording.segment_s)
@@ -160,7 +166,7 @@ class LockStep:
         self._pending: list[tuple[int, Record]] = []
         self._tick = 0
         self._radar: RadarLine | None = None
-        self._said = RadarSelf()
+        self._said = RadarSelf(calibrated=config.radar.calibration is not None)
         self._stamps, self._queue = StampClock(), cast("ScanQueue | None", None)
 
     def run(
@@ -203,6 +209,11 @@ class LockStep:
     def driven(self) -> bool:
         """Whether the simulated driver has ended the manoeuvre, and the vehicle stands."""
         return bool(getattr(self.stage, "finished", False)) and not abs(self._progress.speed_mps) > _STANDS_MPS
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the computer commands the vehicle."""
+        return isinstance(self.core, ControlCore) and bool(self.core.modes.engage)
 
     def write_truth(self, path: Path) -> None:
         """Write the true poses to a file in the folder of the run."""
@@ -292,7 +303,7 @@ class LockStep:
             elif self._records:
                 head = json.dumps({"scans": 1}).encode()
                 self._came.append(Record(RecordKind.EVENT, Source.REGISTRATION, 0, arrival.mono_ns, head))
-                if self._shown is not None:
+                if self._shown is not None and self._loaded is None:
                     self._shown.scan(record)
             elif self._queue is not None:
                 self._queue.take(frame, arrival.mono_ns)
@@ -324,7 +335,7 @@ class LockStep:
                     self._shown.show(record)
                 continue
             self._log(record)
-            if record.kind in (RecordKind.COVER, RecordKind.CORNER) and self._shown is not None:
+            if record.kind in _WORKED and self._shown is not None:
                 self._shown.worked(record)
             if record.kind is RecordKind.PRIOR and self._queue is not None:
                 self._queue.priors.take(record.payload)
@@ -392,7 +403,7 @@ class Page:
         self._scans.put(pack(record))
 
     def worked(self, record: Record) -> None:
-        """A moment of work or a corner, to the coverage process."""
+        """A moment of work, a corner or an event, to the coverage process."""
         self._cover.put(pack(record))
 
     def requests(self) -> list[Record]:
@@ -429,3 +440,4 @@ def page_beside(config: RuntimeConfig, rings: Path, folder: Path) -> Iterator[Pa
             with suppress(subprocess.TimeoutExpired):
                 process.wait(5.0)
             process.kill()
+            process.wait()

@@ -71,6 +71,12 @@ def _labels(sigma_m: tuple[float, ...]) -> str:
     return f"sigma {sigmas_text}"
 
 
+def _scatter(chance: "Chance | None") -> str:
+    """Scatter of the labels that left-out baselines show."""
+    known = chance is not None and chance.label_scatter_m > 0.0
+    return f"; scatter of the baselines {100.0 * chance.label_scatter_m:.1f} cm" if known and chance else ""
+
+
 def _chance(chance: "Chance | None", wavelength_m: float) -> dict[str, object]:
     """Scores of other ground on this map, and the scores that a match needs."""
     from lgprjax.registration import ladder_of, least_z
@@ -122,7 +128,7 @@ def print_info(path: Path) -> dict[str, Any]:
             "travel_time_ns": round(len(description.gain) * description.settings.sample_interval_ns, 2),
             "track_filter_m": round(description.settings.track_filter_m, 2),
             "tiles": len(source.tile_frame),
-            "labels": _labels(description.label_sigma_m),
+            "labels": _labels(description.label_sigma_m) + _scatter(source.chance),
             **_chance(source.chance, description.settings.wavelength_m),
             "weight": [round(weight, 3) for weight in description.weight],
             "retired": int(np.count_nonzero(source.retired)),
@@ -260,7 +266,7 @@ class MapUpdate:
     """Add drives to a map as baselines, weight all baselines, and retire ground that two newer drives find changed."""
 
     file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5; replaced unless -o is given")]
-    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs over the map")]
+    drives: Annotated[Positional[tuple[Path, ...]], arg(metavar="DRIVE...", help="drive logs or run folders")]
     output: Annotated[Path | None, arg(aliases=["-o"], metavar="NEW.map.h5", help="map to write")] = None
     json: Path | None = None
     """JSON file for the figures; - for standard output"""
@@ -273,14 +279,15 @@ class MapUpdate:
         from lgprjax.mapping import UPDATE_PASSES, update_map
 
         require_files(self.drives, "drives")
+        drives = tuple(drive_of(path) for path in self.drives)
         scans = 0
-        for path in self.drives:
+        for path in drives:
             with DriveLog.open(path) as log:
                 scans += log.scans
         check_outputs(self.json, force=self.force)
         with progress_bar("updating map", UPDATE_PASSES * scans) as progress:
             update = update_map(
-                self.file, self.drives, self.output, force=self.force, progress=progress, stage=progress.stage
+                self.file, drives, self.output, force=self.force, progress=progress, stage=progress.stage
             )
         _print_update(update)
         if self.json is not None:
@@ -384,7 +391,7 @@ class MapBuild:
             )
         if self.travel_time_ns is not None and not 1.0 <= self.travel_time_ns <= 1e5:
             raise UsageError(f"--travel-time-ns: expected 1 to 100000, in ns, found {self.travel_time_ns:g}")
-        drives = tuple(_drive_of(path) for path in self.drives)
+        drives = tuple(drive_of(path) for path in self.drives)
         scans = 0
         for path in drives:
             with DriveLog.open(path) as log:
@@ -406,7 +413,7 @@ class MapBuild:
         verdict(f"wrote {_size(self.output, figures)}", f"map verify {self.output}")
 
 
-def _drive_of(path: Path) -> Path:
+def drive_of(path: Path) -> Path:
     """A drive log; of a run folder the one that the run wrote, or that is written now from its records."""
     if not (path / "run.json").is_file():
         return path

@@ -58,6 +58,9 @@ _GOES_WITH = {
 }
 """Suffixes of companion files, and of their recordings."""
 _INSTEAD = {
+    ".dt": "an IDS recording: convert it to SEG-Y (docs/compatibility.md)",
+    ".3dra": "a 3D-Radar recording: convert it to SEG-Y (docs/compatibility.md)",
+    **dict.fromkeys((".npy", ".npz", ".mat"), "data: write them as a drive log (docs/own_radar.md)"),
     **dict.fromkeys((".csv", ".parquet"), "vehicle signals: lgprjax import signals FILE --columns COLUMNS.toml"),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet: save it as CSV for lgprjax import signals"),
     **dict.fromkeys((".zip", ".gz", ".tar", ".7z"), "an archive: unpack it first"),
@@ -72,6 +75,8 @@ def told_instead(word: str) -> str:
     try:
         if path.is_dir():
             there = sorted(each for each in path.iterdir() if each.suffix.lower() in _BY_SUFFIX)
+            if there and all(each.suffix.lower() == ".db3" for each in there):
+                return f"a ROS 2 bag without metadata.yaml: ros2 bag reindex {path} writes it"
             return f"a folder: name the files in it, such as {there[0]}" if there else "a folder without recordings"
         recordings = [
             each

@@ -1,4 +1,4 @@
-"""``lgprjax route``: list the routes of a map, select one, and export its waypoints."""
+"""``lgprjax route``: list the routes of a map, a drive or waypoints, select one, and export its waypoints."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +12,14 @@ from lgprjax.cli.terminal import UsageError, console, counted, verdict
 
 _TEN_MPH = 4.47
 _SUFFIX = ".route.toml"
+_SOURCE = "map, drive log, folder of a run, or waypoints: .csv, .geojson, .gpx"
 
 
 @dataclass(frozen=True)
 class RouteList:
-    """List the routes of a map, one for each baseline."""
+    """List the routes of a map, one for each baseline, or of a drive or waypoints."""
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
+    file: Annotated[Positional[Path], arg(metavar="SOURCE", help=_SOURCE)]
     json: Path | None = None
     """JSON file for the figures; - for standard output"""
     force: bool = False
@@ -26,12 +27,10 @@ class RouteList:
 
     def run(self) -> None:
         """Print."""
-        from lgprjax.formats import MapFile
-        from lgprjax.mapping import routes_of
+        from lgprjax.cli.maps import drive_of
+        from lgprjax.mapping import read_source
 
-        with MapFile.open(self.file) as source:
-            routes = routes_of(source)
-            frame = source.description.frame
+        _, frame, routes = read_source(drive_of(self.file))
         figures = []
         table = Table("route", "length m", "start", "heading deg", "closed", title=self.file.name)
         for route in routes:
@@ -63,13 +62,13 @@ class RouteList:
 
 @dataclass(frozen=True)
 class RouteSelect:
-    """Write a route file: a route of a map, or a section of it, with direction and speed.
+    """Write a route file: a route of a map, a drive or waypoints, or a section of it, with direction and speed.
 
-    The command checks the route and rejects one that the vehicle cannot drive. The route file is valid as long as the
-    map is unchanged.
+    The command checks the route and rejects one that the vehicle cannot drive. The route file is valid as long as its
+    source is unchanged. Waypoints up to 50 m apart are joined by a smooth curve; their speeds are not read.
     """
 
-    file: Annotated[Positional[Path], arg(metavar="MAP", help="map, M.map.h5")]
+    file: Annotated[Positional[Path], arg(metavar="SOURCE", help=_SOURCE)]
     route: Annotated[Positional[str], arg(metavar="ROUTE", help="name of the route, from route list")]
     output: Annotated[Path, arg(aliases=["-o"], metavar="X.route.toml", help="route file to write")]
     from_m: float = 0.0
@@ -89,25 +88,26 @@ class RouteSelect:
 
     def run(self) -> None:
         """Select."""
+        from lgprjax.cli.maps import drive_of
         from lgprjax.files import file_hash
-        from lgprjax.formats import MapFile, RouteFile, write_route
-        from lgprjax.mapping import lay_route, route_named
+        from lgprjax.formats import RouteFile, write_route
+        from lgprjax.mapping import lay_route, read_source, route_named
 
-        with MapFile.open(self.file) as source:
-            check_outputs(self.output, force=self.force)
-            length_m = route_named(source, self.route).length_m
-            chosen = RouteFile(
-                self.file,
-                file_hash(self.file),
-                self.route,
-                self.from_m,
-                length_m if self.to_m is None else self.to_m,
-                "against" if self.against else "along",
-                self.cruise_mps,
-                self.lateral_mps2,
-                self.vehicle,
-            )
-            laid = lay_route(chosen, source, file=self.output)
+        source = read_source(drive_of(self.file))
+        check_outputs(self.output, force=self.force)
+        length_m = route_named(source, self.route).length_m
+        chosen = RouteFile(
+            source.path,
+            file_hash(source.path),
+            self.route,
+            self.from_m,
+            length_m if self.to_m is None else self.to_m,
+            "against" if self.against else "along",
+            self.cruise_mps,
+            self.lateral_mps2,
+            self.vehicle,
+        )
+        laid = lay_route(chosen, source, file=self.output)
         write_route(self.output, chosen, force=self.force)
         legs = int(laid.leg_count)
         metres = float(laid.legs.length_m[:legs].sum())
@@ -118,35 +118,41 @@ class RouteSelect:
 
 @dataclass(frozen=True)
 class RouteExport:
-    """Write waypoints of a route every 0.25 m: WGS-84 position, heading, arc length, curvature, speed and gear."""
+    """Write waypoints of a route every 0.25 m: WGS-84 position, heading, arc length, curvature, speed and gear.
 
-    file: Annotated[Positional[Path], arg(metavar="X.route.toml|MAP", help="route file, or map and ROUTE")]
+    Several route files are joined in their order: each begins within 10 m and 45° of the end of the one before.
+    route select makes one route of the result.
+    """
+
+    files: Annotated[
+        Positional[tuple[str, ...]],
+        arg(metavar="X.route.toml...|SOURCE ROUTE", help="route files, or a source and the name of its route"),
+    ]
     output: Annotated[Path, arg(aliases=["-o"], metavar="F", help="waypoints to write: .csv, .geojson or .gpx")]
-    route: Annotated[
-        Positional[str | None], arg(metavar="ROUTE", help="name of the route, if the first argument is a map")
-    ] = None
     force: bool = False
     """replace existing outputs"""
 
     def run(self) -> None:
         """Export."""
-        from lgprjax.formats import MapFile, RouteFile, read_route, write_waypoints
-        from lgprjax.mapping import lay_route, require_map, route_named, waypoints_of
+        from lgprjax.cli.maps import drive_of
+        from lgprjax.formats import RouteFile, write_waypoints
+        from lgprjax.mapping import joined_waypoints, lay_route, open_route, read_source, route_named, waypoints_of
 
-        chosen = None
-        if self.file.name.endswith(_SUFFIX):
-            if self.route is not None:
-                raise UsageError("ROUTE: expected none with a route file")
-            chosen = read_route(self.file)
-            require_map(chosen, self.file)
-        elif self.route is None:
-            raise UsageError("ROUTE: expected the name of a route (lgprjax route list), found none")
-        with MapFile.open(self.file if chosen is None else chosen.map) as source:
-            if chosen is None:
-                assert self.route is not None
-                length_m = route_named(source, self.route).length_m
-                # The whole baseline at 10 mph: the defaults of route select.
-                chosen = RouteFile(self.file, "", self.route, 0.0, length_m, "along", _TEN_MPH, 1.5, None)
-            waypoints = waypoints_of(lay_route(chosen, source, file=self.file), source)
-        write_waypoints(self.output, chosen.route, waypoints, force=self.force)
-        verdict(f"wrote {self.output}: {len(waypoints.leg)} waypoints")
+        files = [Path(each) for each in self.files]
+        if all(each.name.endswith(_SUFFIX) for each in files):
+            opened = [open_route(each) for each in files]
+            parts = [(file, waypoints_of(laid, source)) for file, (_, laid, source) in zip(files, opened, strict=True)]
+            name = " and ".join(dict.fromkeys(chosen.route for chosen, _, _ in opened))
+        else:
+            if len(files) != 2 or files[0].name.endswith(_SUFFIX):
+                found = " ".join(self.files)
+                raise UsageError(f"ROUTE: expected route files, or a source and the name of its route, found {found}")
+            source, name = read_source(drive_of(files[0])), self.files[1]
+            length_m = route_named(source, name).length_m
+            # The whole route at 10 mph: the defaults of route select.
+            chosen = RouteFile(source.path, "", name, 0.0, length_m, "along", _TEN_MPH, 1.5, None)
+            parts = [(files[0], waypoints_of(lay_route(chosen, source, file=files[0]), source))]
+        waypoints = joined_waypoints(parts)
+        write_waypoints(self.output, name, waypoints, force=self.force)
+        joined = f" of {len(parts)} routes" if len(parts) > 1 else ""
+        verdict(f"wrote {self.output}: {len(waypoints.leg)} waypoints{joined}")

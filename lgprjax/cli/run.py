@@ -101,9 +101,9 @@ class Run:
             # Its ports lead to no device: the runtime would wait forever.
             expected = "--simulate as well, or no such table for a real vehicle"
             raise InputError(config.file, "simulation", expected, "a table")
-        if config.mode == "drive" and config.coverage is None and not config.path(config.map).is_file():
+        if config.map and not config.path(config.map).is_file():
             raise InputError(config.file, "map", "an existing map", str(config.path(config.map)))
-        if config.mode == "record":
+        if not config.map and config.coverage is None:
             from lgprjax.runtime.preflight import check_recordable  # reads receivers, whose packages are there by now
 
             check_recordable(config)
@@ -208,13 +208,20 @@ class Run:
         if table is None:
             raise InputError(self.config, "simulation", "a table with the simulated devices", "none")
         check_before(config, table)
-        if config.mode == "record":
+        if not config.map and config.coverage is None:
             check_recordable(config)
-        field, records = config.coverage is not None, config.mode == "record"
+        field = config.coverage is not None
+        records = config.mode == "record" or (config.coverage is not None and config.coverage.plan is None)
         if records and self.for_s is None:
             raise UsageError("--for-s: a simulated run that only records needs its duration in seconds")
         if not records:
-            making = "creating the plan" if field else "creating course, map and route"
+            making = (
+                "creating the plan"
+                if field
+                else "creating course, map and route"
+                if config.map
+                else "creating course and route"
+            )
             # A first map takes minutes, and a terminal without colours shows no progress.
             say(making)
             with working(making):
@@ -242,6 +249,8 @@ class Run:
                 return status
             if not field:
                 _write_drive(driven, folder)
+        if records and field:
+            return _conclude_field(folder)
         if records:
             return 0 if (folder / f"{config.name}.drive.h5").is_file() else BAD_INPUT
         with working("evaluating the run"):
@@ -320,6 +329,17 @@ def keeps_real_time() -> bool:
     if not found.keeps:
         say(f"{found.line}; running in simulated time (--realtime: run in real time)")
     return found.keeps
+
+
+def _conclude_field(folder: Path) -> int:
+    """Print what a run without a plan has recorded. Returns its exit status."""
+    from lgprjax.run_records import ToolBits
+    from lgprjax.worked.record import read_cover_run
+
+    rows = read_cover_run(folder).rows
+    counted_s = 0.1 * float(((rows["tool"] & ToolBits.COUNTS) != 0).sum())
+    verdict(f"recorded: {counted_s:.0f} s of work in {0.1 * len(rows):.0f} s", f"cover record {folder} -o R.worked.h5")
+    return 0
 
 
 def _conclude(folder: Path) -> int:

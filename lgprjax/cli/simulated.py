@@ -63,17 +63,37 @@ def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
 
 
 def prepare_course(config: "RuntimeConfig", table: "SimulationTable") -> None:
-    """Create the map and the first route of the configuration if they are missing.
+    """Create the map and the first route of the configuration if they are missing; without a map, waypoints.
 
     Raises:
         InputError: a file cannot be written.
     """
-    database = config.path(config.map)
-    if not database.exists():
-        _make_map(table, database)
     route = config.path(config.routes[0])
+    source = config.path(config.map) if config.map else route.with_name(route.name.split(".")[0] + ".csv")
+    if config.map and not source.exists():
+        _make_map(table, source)
     if not route.exists():
-        _make_route(config, database, route)
+        if not config.map:
+            _make_waypoints(table, source)
+        _make_route(config, source, route)
+
+
+def _make_waypoints(table: "SimulationTable", output: Path) -> None:
+    """The course's true baseline, as waypoints."""
+    from lgprjax.formats import write_waypoints
+    from lgprjax.mapping import Route, RouteSource, waypoints_of
+    from lgprjax.navigation import RouteSpeeds, RouteTrack, legs_of_track, make_route_path
+    from lgprjax.simulation.drives import SITE_FRAME
+    from lgprjax.simulation.loop import OffRoad, anchor_of, baseline_poses, lay_course
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    laid_course = lay_course(OffRoad(table.seed, table.length_m, table.scan_share))
+    poses = baseline_poses(laid_course)
+    track = RouteTrack("baseline", anchor_of(poses, laid_course.spec.array_x_m), poses[:, 3])
+    nowhere = np.zeros(len(poses))
+    source = RouteSource(output, SITE_FRAME, [Route("baseline", track, nowhere, nowhere, closed=False)])
+    laid = make_route_path(*legs_of_track(track), None, RouteSpeeds(_CRUISE_MPS))
+    write_waypoints(output, "baseline", waypoints_of(laid, source), force=True)
 
 
 def _make_map(table: "SimulationTable", database: Path) -> None:
@@ -90,16 +110,15 @@ def _make_map(table: "SimulationTable", database: Path) -> None:
         build_map([course.baseline], database)
 
 
-def _make_route(config: "RuntimeConfig", database: Path, route: Path) -> None:
+def _make_route(config: "RuntimeConfig", source: Path, route: Path) -> None:
     from lgprjax.files import file_hash
-    from lgprjax.formats import MapFile, RouteFile, write_route
-    from lgprjax.mapping import routes_of
+    from lgprjax.formats import RouteFile, write_route
+    from lgprjax.mapping import read_source
 
-    with MapFile.open(database) as source:
-        first = routes_of(source)[0]
+    first = read_source(source).routes[0]
     chosen = RouteFile(
-        database,
-        file_hash(database),
+        source,
+        file_hash(source),
         first.name,
         0.0,
         first.length_m,
@@ -124,6 +143,7 @@ def course_spec(
         "drive_seed": table.drive_seed,
         "recording": table.recording,
         "gain_drift": table.gain_drift,
+        "in_view": table.in_view,
         "gnss_slow_m": table.gnss_slow_m,
         "map": str(config.path(config.map)) if config.map else "",
         "host": host if (config.ports.radar and config.mode == "record") or host == "drive" else "record_without_radar",
@@ -226,12 +246,17 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
     Raises:
         InputError: vehicle, plan or field cannot be used.
     """
-    from lgprjax.formats.coverage_files import read_field
+    from lgprjax.batch.vehicles import skid_setup_of
+    from lgprjax.formats import read_vehicle
+    from lgprjax.formats.field_files import read_field
     from lgprjax.frames import LocalFrame
     from lgprjax.runtime.control.skid.setup import load_skid
 
-    loaded = load_skid(config)
-    if loaded.frame is None:
+    assert config.coverage is not None
+    path = config.path(config.vehicle)
+    vehicle = read_vehicle(path)
+    setup = skid_setup_of(vehicle, path)
+    if config.coverage.plan is None:
         if table.field is None:
             raise InputError(config.file, "simulation.field", "a field, if there is no plan", "none")
         places = read_field(config.path(table.field))
@@ -239,16 +264,19 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
         east, north, _ = frame.to_local(places.latitude_deg, places.longitude_deg, places.height_m)
         x, y, yaw = 0.0, 0.0, math.atan2(float(north[1] - north[0]), float(east[1] - east[0]))
     else:
+        loaded = load_skid(config)
+        assert loaded.frame is not None
         frame = loaded.frame
         x, y, yaw = (float(number) for number in np.asarray(loaded.route.rows[0, :3], np.float64))
     start = (x - _BEHIND_M * math.cos(yaw), y - _BEHIND_M * math.sin(yaw), yaw)
     return {
         "anchor": (frame.latitude_deg, frame.longitude_deg, frame.height_m),
         "start": start,
-        "track_m": float(loaded.setup.vehicle.track_m),
-        "gnss_x_m": float(loaded.setup.model.gnss_x_m),
-        "gnss_y_m": float(loaded.setup.model.gnss_y_m),
-        "threshold_mps": float(loaded.setup.threshold_mps),
+        "track_m": float(setup.vehicle.track_m),
+        "gnss_x_m": float(setup.model.gnss_x_m),
+        "gnss_y_m": float(setup.model.gnss_y_m),
+        "host": config.mode,
+        "threshold_mps": vehicle.skid_steer.threshold_mps or 0.0,
         "seed": table.seed,
         "script": _script(table, (x, y)),
         "faults": table.faults,
@@ -362,7 +390,7 @@ def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dic
     grid = grid_of_field(field, config.coverage.cell_m, loaded.setup.tool.width_m)
     held = WorkedMap(grid, loaded.setup.tool, config.coverage.shared_sigma_m)
     if loaded.taken_up is not None:
-        held.take_up(loaded.taken_up.probability)
+        held.take_up(loaded.taken_up.grid, loaded.taken_up.probability)
     for time_ns, cover in covers:
         held.take(cover, time_ns)
     inside = inside_cells(field, grid)

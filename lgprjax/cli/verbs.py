@@ -36,6 +36,7 @@ from lgprjax.cli.imports import (
 )
 from lgprjax.cli.maps import MapBuild, MapInfo, MapRefine, MapUpdate, MapVerify
 from lgprjax.cli.options import check_words, current_names, nearest
+from lgprjax.cli.radar import RadarLookup, RadarPlate
 from lgprjax.cli.recognised import recognised, recording_suffixes, told_instead
 from lgprjax.cli.register import Register
 from lgprjax.cli.route import RouteExport, RouteList, RouteSelect
@@ -250,6 +251,26 @@ _COVER = VerbGroup(
         "cover export f.worked.h5 -o handover",
     ),
 )
+_RADAR = VerbGroup(
+    "calibrate a stepped-frequency radar: look-up, channels",
+    "Calibrate a stepped-frequency radar from sweeps of the standing array: look-up, gain and delay of each channel.",
+    {
+        "lookup": Verb(
+            RadarLookup,
+            "look-up from sweeps into empty space",
+            ("radar lookup RUN_FOLDER -o empty.radar.h5", "radar lookup X.drive.h5 Y.drive.h5 -o empty.radar.h5"),
+        ),
+        "plate": Verb(
+            RadarPlate,
+            "gain and delay of each channel over a metal plate",
+            (
+                "radar plate RUN_FOLDER --lookup empty.radar.h5 -o mine.radar.h5",
+                "radar plate X.mcap --lookup empty.radar.h5 -o mine.radar.h5",
+            ),
+        ),
+    },
+    ("radar lookup EMPTY -o empty.radar.h5", "radar plate PLATE --lookup empty.radar.h5 -o mine.radar.h5"),
+)
 
 VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
     "First steps": {
@@ -334,6 +355,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
         "cover": _COVER,
     },
     "Simulation and calibration": {
+        "radar": _RADAR,
         "simulate": Verb(
             Simulate,
             "generate drive logs of a synthetic site or vehicle",
@@ -344,7 +366,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
             "the numbers of a new vehicle, step by step with the kit",
             (
                 "calibrate onboard/record.vehicle.toml --list",
-                "calibrate onboard/record.vehicle.toml --config onboard/calibrate.run.toml --simulate",
+                "calibrate onboard/record.vehicle.toml --simulate",
             ),
         ),
         "tune": Verb(
@@ -480,6 +502,8 @@ def _refuse_group(name: str, group: VerbGroup, word: str) -> None:
         if instead:
             raise UsageError(f"{word}: expected {recordings}; found {instead}")
         expected = f"a format ({', '.join(group.verbs)}), or {recordings}"
+        if Path(word).is_file():
+            expected += "; for other formats see docs/own_radar.md"
         raise UsageError(f"{word}: expected {expected}{nearest(word, list(group.verbs))}")
     raise UsageError(f"{word}: expected one of {', '.join(group.verbs)}{nearest(word, list(group.verbs))}")
 

@@ -363,6 +363,13 @@ def inside_cells(field: Field, grid: CellGrid) -> Bool[np.ndarray, "north east"]
 
 LEVELS = (0.95, 0.996)
 """Levels of a record: the usual one, and that of the old United Nations contract figure."""
+HIGHEST_LEVEL = 0.9999
+"""A cell's largest probability is 0.99994: no ground can be processed at a level beyond it."""
+
+
+def offered_levels(own: float) -> list[float]:
+    """Levels that the operator's page offers, rising; ``own``: that of the configuration."""
+    return sorted({0.9, *LEVELS, 0.99, own})
 
 
 class CellState(IntEnum):

@@ -92,7 +92,7 @@ def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMomen
         past: the pass before.
         moment: one lane.
     """
-    counts = moment.on & _usable(moment)
+    counts = moment.on & usable_moment(moment)
     last = past.now
     x, y, yaw = (
         jnp.where(counts, new, old)
@@ -103,7 +103,7 @@ def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMomen
     along = last.along_m + jnp.cos(middle) * (x - last.x_m) + jnp.sin(middle) * (y - last.y_m)
     turned = last.turned_rad + turn
     # An unusable covariance is replaced by the last good one, to keep singular values out.
-    covariance = jnp.where(counts, _in_body_axes(moment.covariance, yaw), last.covariance)
+    covariance = jnp.where(counts, covariance_in_body(moment.covariance, yaw), last.covariance)
     here = WorkedStrip(x, y, yaw, along, turned, covariance)
 
     newest = jax.tree.map(lambda part: part[0], past.strips)
@@ -173,7 +173,7 @@ def tightest_radpm(tool: Tool) -> float:
     return min(_TIGHTEST_RADPM, 0.5 / (0.5 * tool.width_m + abs(tool.left_m)))
 
 
-def _usable(moment: ToolMoment) -> Bool[Array, ""]:
+def usable_moment(moment: ToolMoment) -> Bool[Array, ""]:
     """Whether all numbers are finite, the covariance is positive definite, and the heading is known."""
     covariance = 0.5 * (moment.covariance + moment.covariance.T)
     variances = jnp.diagonal(covariance)
@@ -187,7 +187,8 @@ def _usable(moment: ToolMoment) -> Bool[Array, ""]:
     return usable
 
 
-def _in_body_axes(covariance: Float[Array, "3 3"], yaw_rad: Float[Array, ""]) -> Float[Array, "3 3"]:
+def covariance_in_body(covariance: Float[Array, "3 3"], yaw_rad: Float[Array, ""]) -> Float[Array, "3 3"]:
+    """Covariance of east, north and yaw as that of forward, left and yaw."""
     cos, sin, zero, one = jnp.cos(yaw_rad), jnp.sin(yaw_rad), jnp.float32(0.0), jnp.float32(1.0)
     axes = jnp.stack([jnp.stack([cos, sin, zero]), jnp.stack([-sin, cos, zero]), jnp.stack([zero, zero, one])])
     symmetric = 0.5 * (covariance + covariance.T)

@@ -1,14 +1,7 @@
 """File formats: drive log, subsurface database, fixes, vehicle file; readers of vendor formats."""
 
 from lgprjax.formats.check import check_file
-from lgprjax.formats.coverage_files import (
-    CoverPlan,
-    FieldPlaces,
-    cover_plan_findings,
-    read_cover_plan,
-    read_field,
-    write_cover_plan,
-)
+from lgprjax.formats.coverage_files import CoverPlan, cover_plan_findings, read_cover_plan, write_cover_plan
 from lgprjax.formats.drive import (
     DriveDescription,
     DriveLog,
@@ -19,6 +12,7 @@ from lgprjax.formats.drive import (
     SweepRecording,
     TraceRecording,
 )
+from lgprjax.formats.field_files import FieldPlaces, read_field
 from lgprjax.formats.fixes import drive_hash_of, read_fix_poses, read_fixes, refuse_other_drive, write_fixes
 from lgprjax.formats.line_findings import found_time_zero
 from lgprjax.formats.map_file import MapFile, MapHistory
@@ -29,7 +23,8 @@ from lgprjax.formats.mcap_import import ImportedRecording, McapTopics, import_mc
 from lgprjax.formats.mcap_recording import UniformArray
 from lgprjax.formats.mcap_tracks import McapAssumed
 from lgprjax.formats.profile import Profile, TraceCoordinates, assumed_in_words, assumed_of
-from lgprjax.formats.route_files import RouteFile, Waypoints, read_route, route_findings, write_route, write_waypoints
+from lgprjax.formats.radar_calibration import SweepLayout, read_radar_calibration, write_radar_calibration
+from lgprjax.formats.route_files import RouteFile, read_route, route_findings, write_route
 from lgprjax.formats.run_log import RunReading, RunSummary, complex_rows, read_run
 from lgprjax.formats.schema import Finding, Schema, load_schema
 from lgprjax.formats.settings_files import Study, read_study, read_thresholds, write_thresholds
@@ -57,6 +52,7 @@ from lgprjax.formats.vendors.gprmax import import_gprmax, read_gprmax
 from lgprjax.formats.vendors.grounded import import_grounded
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import import_segy, read_segy
+from lgprjax.formats.waypoint_files import Waypoints, WaypointTrack, read_waypoints, write_waypoints
 from lgprjax.formats.worked import (
     GeoLayer,
     WorkedRecord,
@@ -106,6 +102,7 @@ __all__ = [
     "Study",
     "Survey",
     "SurveyOrigin",
+    "SweepLayout",
     "SweepRecording",
     "TraceCoordinates",
     "TracePlaces",
@@ -114,6 +111,7 @@ __all__ = [
     "UniformArray",
     "VehicleFile",
     "VehicleLog",
+    "WaypointTrack",
     "Waypoints",
     "WheelMap",
     "WorkedRecord",
@@ -155,6 +153,7 @@ __all__ = [
     "read_iprb_array",
     "read_mala",
     "read_profile",
+    "read_radar_calibration",
     "read_route",
     "read_run",
     "read_segy",
@@ -162,6 +161,7 @@ __all__ = [
     "read_study",
     "read_thresholds",
     "read_vehicle",
+    "read_waypoints",
     "read_worked",
     "refuse_other_drive",
     "require_serial_number",
@@ -175,6 +175,7 @@ __all__ = [
     "write_geojson",
     "write_geopackage",
     "write_kml",
+    "write_radar_calibration",
     "write_route",
     "write_shapefiles",
     "write_thresholds",

@@ -11,6 +11,7 @@ from lgprjax.formats.coverage_files import cover_plan_findings
 from lgprjax.formats.fixes import parse_cells, read_cells, table_findings
 from lgprjax.formats.map_file import MapFile
 from lgprjax.formats.map_layout import UNIT
+from lgprjax.formats.plausible import plausible_positions, reach_in_time_m
 from lgprjax.formats.route_files import route_findings
 from lgprjax.formats.schema import Finding, Schema, load_schema
 from lgprjax.formats.store import DAMAGE, attribute_of, open_store, validate_store
@@ -52,6 +53,24 @@ def _contents(source: MapFile) -> Iterator[Finding]:
         before = int(where.drive[-1])
     if astray:
         yield Finding(file, "/stretches/reach_m", "stretches that contain their stations", f"{astray} stations outside")
+
+
+def _check_drive(path: Path) -> Iterator[Finding]:
+    """Findings of a drive log: against its schema, and whether a vehicle can have been at all of its positions."""
+    found = list(_check_store(load_schema("drive"))(path))
+    yield from found
+    if any(finding.severity == "error" for finding in found):
+        return
+    with open_store(path) as store:
+        time_s, latitude, longitude = (
+            store[f"/gnss_ins/{name}"][:] for name in ("time_s", "latitude_deg", "longitude_deg")
+        )
+        sigma_m = store["/gnss_ins/sigma_east_m"][:] if "/gnss_ins/sigma_east_m" in store else None
+    judged = plausible_positions(latitude, longitude, reach_in_time_m(time_s), sigma_m)
+    if judged.left_out:
+        counts = ", ".join(f"{count} of {len(time_s)} {reason}" for reason, count in judged.left_out.items())
+        first = f"{counts}, the first at index {int(np.argmin(judged.kept))}"
+        yield Finding(str(path), "/gnss_ins", "positions that one vehicle can reach", first)
 
 
 def check_file(path: str | Path) -> list[Finding]:
@@ -104,7 +123,7 @@ def _check_fixes_csv(path: Path) -> Iterator[Finding]:
 
 
 _CHECKS: dict[str, Callable[[Path], Iterator[Finding]]] = {
-    ".drive.h5": _check_store(load_schema("drive")),
+    ".drive.h5": _check_drive,
     ".map.h5": map_findings,
     ".fixes.h5": _check_store(load_schema("fixes")),
     ".fixes.csv": _check_fixes_csv,
@@ -112,4 +131,5 @@ _CHECKS: dict[str, Callable[[Path], Iterator[Finding]]] = {
     ".vehicle.toml": vehicle_findings,
     ".cover.geojson": cover_plan_findings,
     ".worked.h5": _check_store(load_schema("worked")),
+    ".radar.h5": _check_store(load_schema("radar")),
 }

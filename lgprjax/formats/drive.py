@@ -96,6 +96,8 @@ class SweepRecording:
         group_delay_ns: delay of the calibration channel's path, which division by it subtracts from every echo.
         channel_gain, channel_delay_ns: of each channel relative to the array's mean; ``None`` if not measured, meaning
             gains of 1 and delays of 0.
+        channel_valid: false for channels that could not be calibrated, whose data are not used; ``None``: all are.
+            A drive log stores it with the scans.
     """
 
     frequencies_hz: Float[np.ndarray, " frequency"]
@@ -104,6 +106,7 @@ class SweepRecording:
     group_delay_ns: float = 0.0
     channel_gain: Float[np.ndarray, " channel"] | None = None
     channel_delay_ns: Float[np.ndarray, " channel"] | None = None
+    channel_valid: Bool[np.ndarray, " channel"] | None = None
 
     @property
     def response(self) -> ChannelResponse:
@@ -254,6 +257,7 @@ class DriveWriter:
         valid: Bool[np.ndarray, "scan channel"] | None = None,
     ) -> None:
         """Append scans of stepped-frequency sweeps, with the calibration sweep of each; without ``valid`` all are.
+        Channels that the recording's ``channel_valid`` excludes are stored as invalid.
 
         Raises:
             InputError: the log is one of traces, a shape or the order of the times is wrong, or the disk is full.
@@ -264,6 +268,10 @@ class DriveWriter:
             "/radar/sweeps": _numbers("sweeps", sweeps),
             "/radar/calibration_sweeps": _numbers("calibration_sweeps", calibration_sweeps),
         }
+        calibrated = self._recording.channel_valid
+        if calibrated is not None:
+            every = np.ones((len(arrays["/radar/sweeps"]), len(calibrated)), bool)
+            valid = (every if valid is None else valid) & calibrated
         self._append(scan_time_s, arrays, valid)
 
     def _append(self, scan_time_s: np.ndarray, arrays: dict[str, np.ndarray], valid: np.ndarray | None) -> None:

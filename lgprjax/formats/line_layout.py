@@ -25,6 +25,8 @@ from lgprjax.radar.array import ArrayGeometry
 # Time zeros closer than this are the same (8 ps at 0.4 ns a sample); beyond this share, another recording.
 _SAME_TIME_ZERO_SAMPLES = 0.02
 _LARGEST_SHIFT = 0.05
+# Places closer than this share of a step to a grid of even steps were rounded from it.
+_ROUNDED = 0.01
 # A gap of more usual steps than this is left open, not bridged; a line with more steps per trace is refused.
 _LARGEST_GAP_STEPS = 3.0
 _STEPS_A_TRACE = 20
@@ -71,6 +73,7 @@ def write_lines(
     check_time_zeros(lines, time_zero_ns)
 
     along = [_along_m(lines, i, length_m) for i in range(len(lines))] if along_m is None else along_m
+    along = [_on_own_grid(each) for each in along]
     for line, own in zip(lines, along, strict=True):
         check_steps(line, own)
     step_m = _common_step_m(lines, along, length_m)
@@ -137,9 +140,6 @@ def check_alike(lines: Sequence[Profile]) -> None:
     """Raise ``InputError`` unless lines have one channel each, and the samples of the first."""
     first = lines[0]
     for line in lines:
-        if line.channels.shape[1] != 1:
-            found = f"{line.channels.shape[1]} channels: import this file alone"
-            raise InputError(line.path, "channels", "one channel per file, if there are several files", found)
         if len(line.channels) < 2:
             raise InputError(line.path, "traces", "at least 2", str(len(line.channels)))
         if line.channels.shape[2] != first.channels.shape[2]:
@@ -204,6 +204,21 @@ def check_steps(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
         raise InputError(line.path, "trace spacing", expected, f"{usual_m:g} m from trace to trace")
 
 
+def _on_own_grid(along_m: Float[np.ndarray, " trace"]) -> Float[np.ndarray, " trace"]:
+    """Places that are whole numbers of one step apart, exactly so; any others as they are.
+
+    Headers round places: a step between two of them is off by more than the step that all of them have.
+    """
+    steps_m = np.diff(along_m)
+    usual_m = float(np.median(steps_m))
+    if not usual_m > 0.0:
+        return along_m
+    number = np.concatenate([[0.0], np.cumsum(np.rint(steps_m / usual_m))])
+    step_m = float(number @ (along_m - along_m[0]) / (number @ number))
+    even = along_m[0] + number * step_m
+    return even if np.all(np.abs(even - along_m) < _ROUNDED * step_m) else along_m
+
+
 def _common_step_m(lines: Sequence[Profile], along: Sequence[Float[np.ndarray, " _"]], length_m: float | None) -> float:
     if length_m is not None:
         return length_m / (max(len(line.channels) for line in lines) - 1)
@@ -224,9 +239,9 @@ def _resampled(
     Scans beyond the line's ends and within its gaps are not covered.
     """
     traces = at_time_zero(line, time_zero_ns)
-    margin_m = 1e-3 * (along_m[1] - along_m[0])
-    covered = (scan_m > along_m[0] - margin_m) & (scan_m < along_m[-1] + margin_m)
     steps_m = np.diff(along_m)
+    margin_m = 1e-3 * float(np.median(steps_m))
+    covered = (scan_m > along_m[0] - margin_m) & (scan_m < along_m[-1] + margin_m)
     before = np.clip(np.searchsorted(along_m, scan_m, side="right") - 1, 0, len(steps_m) - 1)
     inside = (scan_m > along_m[before] + margin_m) & (scan_m < along_m[before + 1] - margin_m)
     covered &= ~(inside & (steps_m[before] > _LARGEST_GAP_STEPS * np.median(steps_m)))

@@ -270,7 +270,7 @@ scores of foreign ground: a chance of another version is measured again.
 
 _SCHEMA = load_schema("map")
 _FIELDS = ("start", "share", "scale", "area_m2")
-_NUMBERS = ("pieces", "own", "sigma_scale", "left_out")
+_NUMBERS = ("pieces", "own", "sigma_scale", "left_out", "label_scatter_m")
 
 
 def write_chance(store: h5py.File, chance: Chance, windows_m: tuple[float, ...]) -> None:
@@ -312,6 +312,7 @@ def _chance_of(fields: dict[str, np.ndarray], numbers: dict[str, float]) -> Chan
         pieces=int(numbers["pieces"]),
         own=bool(numbers["own"]),
         left_out=int(numbers.get("left_out", 0)),
+        label_scatter_m=numbers.get("label_scatter_m", 0.0),
     )
     # Maps of schema 1.2 hold no scale of the sigmas: theirs is that of many grounds.
     return chance._replace(sigma_scale=numbers["sigma_scale"]) if "sigma_scale" in numbers else chance
@@ -329,7 +330,7 @@ def chance_of_text(text: str) -> Chance | None:
     try:
         stated = json.loads(text)
         fields = {name: np.asarray(stated[name], dtype=np.float64) for name in _FIELDS}
-        chance = _chance_of(fields, {name: float(stated[name]) for name in _NUMBERS})
+        chance = _chance_of(fields, {name: float(stated[name]) for name in _NUMBERS if name in stated})
         known = stated["method"] == CHANCE_METHOD
     except (ValueError, KeyError, TypeError):
         return None

@@ -24,9 +24,10 @@ from lgprjax.formats.ros import (
     COVARIANCE_KNOWN,
     COVARIANCE_UNKNOWN,
     DRIVE_METADATA,
-    PITCH_VARIANCE,
     TOPICS,
     TRANSFORMS,
+    UNKNOWN_M2,
+    UNKNOWN_RAD2,
     MessageLayout,
     definition_of,
     layout_to_write,
@@ -539,8 +540,8 @@ class _NavigationValues:
             place = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
             self._body = np.stack(place, axis=1), frame.yaw_of_heading(track.heading_deg, track.longitude_deg)
         self._yaw_rad, self._roll_rad = np.radians(90.0 - track.heading_deg), np.radians(track.roll_deg)
-        self._place = _variances(track.sigma_east_m, track.sigma_north_m, track.sigma_height_m)
-        self._angle = _variances(track.sigma_roll_deg, track.sigma_heading_deg)
+        self._place = _variances(UNKNOWN_M2, track.sigma_east_m, track.sigma_north_m, track.sigma_height_m)
+        self._angle = _variances(UNKNOWN_RAD2, *map(_radians, (track.sigma_roll_deg, None, track.sigma_heading_deg)))
 
     def __call__(self, at: int) -> Iterator[tuple[str, str, dict[str, Any]]]:
         track = self._track
@@ -558,27 +559,30 @@ class _NavigationValues:
                 "position_covariance_type": COVARIANCE_UNKNOWN if self._place is None else COVARIANCE_KNOWN,
             },
         )
-        attitude = np.zeros((3, 3))
-        if self._angle is not None:
-            roll, yaw = self._angle[at] * np.radians(1.0) ** 2
-            attitude = np.diag([roll, PITCH_VARIANCE, yaw])
         turn = quaternion_of(float(self._yaw_rad[at]), float(self._roll_rad[at]))
         yield (
             "attitude",
             _BODY,
             {
                 **{f"orientation.{axis}": value for axis, value in turn.items()},
-                "orientation_covariance": attitude,
+                "orientation_covariance": np.zeros((3, 3)) if self._angle is None else np.diag(self._angle[at]),
                 "angular_velocity_covariance": _NOT_MEASURED,
                 "linear_acceleration_covariance": _NOT_MEASURED,
             },
         )
 
 
-def _variances(*sigmas: Float[np.ndarray, " record"] | None) -> Float[np.ndarray, "record axis"] | None:
-    """Squares side by side; None if the drive does not state them all, as a covariance must."""
-    stated = [each for each in sigmas if each is not None]
-    return np.stack(stated, axis=1) ** 2 if len(stated) == len(sigmas) else None
+def _variances(unknown: float, *sigmas: Float[np.ndarray, " record"] | None) -> Float[np.ndarray, "record axis"] | None:
+    """Squares side by side, with a variance for those that the drive does not state; ``None`` if it states none."""
+    stated = next((each for each in sigmas if each is not None), None)
+    if stated is None:
+        return None
+    whole = [np.full(len(stated), np.nan) if each is None else each for each in sigmas]
+    return np.asarray(np.nan_to_num(np.stack(whole, axis=1) ** 2, nan=unknown))
+
+
+def _radians(sigma_deg: Float[np.ndarray, " record"] | None) -> Float[np.ndarray, " record"] | None:
+    return None if sigma_deg is None else np.radians(sigma_deg)
 
 
 class _OdometryValues:

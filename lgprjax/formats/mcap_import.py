@@ -198,7 +198,10 @@ def topics_there(recording: Recording) -> str:
     """Topics of a recording with their types, and why some cannot be read, for messages."""
     texts = {topic: f": {reason}" for topic, reason in recording.refused.items()}
     found = [f"{topic} ({kind}{texts.get(topic, '')})" for topic, kind in sorted(recording.kinds.items())]
-    return ", ".join(found) or "no messages"
+    if recording.whole:
+        return ", ".join(found) or "no messages"
+    cut = f"cut: the file ends too early or is damaged ({recording.repaired_by})"
+    return f"{', '.join(found)}; {cut}" if found else f"no whole message; {cut}"
 
 
 def _words(form: ScanForm) -> str:
@@ -229,6 +232,7 @@ def import_mcap(
     topics: McapTopics | None = None,
     array: UniformArray | None = None,
     assumed: McapAssumed | None = None,
+    calibration: str | Path | None = None,
     output: str | Path,
     force: bool = False,
 ) -> ImportedRecording:
@@ -244,6 +248,7 @@ def import_mcap(
         topics: to read, if several have the type.
         array: instead of the recording's ``RadarArray``.
         assumed: the antenna's place, and sigmas that the messages do not state.
+        calibration: ``X.radar.h5`` of a stepped-frequency radar, in place of the look-up of the ``RadarArray``.
         output: the drive log.
         force: replace an output that exists.
 
@@ -265,28 +270,35 @@ def import_mcap(
     texts = recording.metadata.get(DRIVE_METADATA, {})
     t0_ns = _t0_ns(recording.path, texts, int(scan_ns[0]))
     odometry = None if odometer is None else odometry_track(recording.path, odometer, t0_ns)
-    navigation = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
-    odometry = odometry or travel_along(navigation)
+    navigation, judged = navigation_track(recording.path, position, attitude, odometry, t0_ns, assumed)
+    travelled = None
+    if odometry is None:
+        travelled = travel_along(navigation)
+        odometry = OdometryTrack(navigation.time_s, travelled.distance_m)
     scan_time_s = (scan_ns - t0_ns) / 1e9
     kept = _spanned(recording.path, radar, scan_time_s, navigation, odometry)
     used = list(dict.fromkeys(each for each in (radar, position, attitude, odometer) if each is not None))
-    notes = _notes(recording, used, attitude, odometer, outside=len(kept) - int(np.count_nonzero(kept)))
+    outside = len(kept) - int(np.count_nonzero(kept))
+    notes = (*_notes(recording, used, attitude, odometer, outside=outside), *judged)
     # An exported drive's messages include what was assumed when it was imported.
     exported = _exported_provenance(texts)
     made_up = assumed_of(exported)
-    made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, odometer, assumed).items())
+    made_up.update((str(name), words) for name, words in tracks_assumed(position, attitude, travelled, assumed).items())
     description = DriveDescription(
         name=texts.get("name") or Path(output).name.split(".")[0],
         t0_utc=utc_text(t0_ns),
         array=geometry_of(recording.path, form, described, array),
-        recording=recording_of_form(recording.path, form, described),
+        recording=recording_of_form(recording.path, form, described, calibration),
         navigation=navigation,
         odometry=odometry,
         truth=None,
         vehicle=None,
         provenance={
             "made_by": f"lgprjax import {'rosbag' if is_bag(recording.path) else 'mcap'}",
-            "inputs": [{"file": recording.path.name, "sha256": _digest(recording.path)}],
+            "inputs": [
+                {"file": each.name, "sha256": _digest(each)}
+                for each in (recording.path, *([] if calibration is None else [Path(calibration)]))
+            ],
             "topics": {each.topic: each.kind for each in used},
             "clocks": {each.topic: "header stamps" if each.header_clock else "times of recording" for each in used},
             "told": assumed._asdict(),
@@ -347,6 +359,7 @@ def _notes(
             "unreadable": recording.unreadable[rows.topic],
             "without usable values": rows.left_out,
             "without a stamp": rows.unstamped,
+            "of another day than the rest": rows.undated,
             "with a duplicate stamp": rows.repeated,
         }
         texts = [f"{count} messages {words}" for words, count in counts.items() if count]

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Complex, Float, Num
 
 from lgprjax.errors import InputError
 from lgprjax.formats.drive import SweepRecording, TraceRecording
+from lgprjax.formats.radar_calibration import SweepLayout, read_radar_calibration
 from lgprjax.formats.ros import RADAR_ARRAY, MessageLayout, layout_of
 from lgprjax.radar.array import ArrayGeometry, uniform_array
 
@@ -43,6 +44,7 @@ class McapRecording:
 
     Attributes:
         path: the file.
+        repaired_by: command of MCAP's own tool that repairs a file that was cut.
         kinds: type of each topic met so far.
         metadata: the file's own records of names and texts, by name, of those met so far.
         whole: whether the last pass found no damage and reached the file's end.
@@ -68,6 +70,7 @@ class McapRecording:
         if begin != _MAGIC:
             found = "an empty file" if not begin else "another format"
             raise InputError(self.path, "file", "an MCAP file", found)
+        self.repaired_by = f"mcap recover {self.path} -o repaired.mcap"
         self.kinds: dict[str, str] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.refused: dict[str, str] = {}
@@ -316,13 +319,24 @@ def geometry_of(
     return ArrayGeometry(lists["x_m"], lists["y_m"], lists["time_offset_s"], height_m, zero_slip_m)
 
 
-def recording_of_form(path: Path, form: ScanForm, values: Mapping[str, Any] | None) -> TraceRecording | SweepRecording:
+def recording_of_form(
+    path: Path, form: ScanForm, values: Mapping[str, Any] | None, calibration: str | Path | None = None
+) -> TraceRecording | SweepRecording:
     """The recording of scans, from their common form and the ``RadarArray``, if there is one.
 
+    Args:
+        path: the recording.
+        form: of its scans.
+        values: of the ``RadarArray``.
+        calibration: ``X.radar.h5``, in place of the look-up of the ``RadarArray``.
+
     Raises:
-        InputError: an interval is invalid; or scans are sweeps and the array lacks what is needed to read them.
+        InputError: an interval is invalid; scans are sweeps and the array lacks what is needed to read them; or the
+            calibration is not of these sweeps.
     """
     if form.encoding != SWEEPS:
+        if calibration is not None:
+            raise InputError(path, "RadarScan, encoding", f"{SWEEPS}, sweeps to calibrate", form.encoding)
         if not (np.isfinite(form.sample_interval_ns) and form.sample_interval_ns > 0):
             found = f"{form.sample_interval_ns:g}"
             raise InputError(path, "RadarScan, sample_interval_ns", "a number above zero", found)
@@ -330,27 +344,39 @@ def recording_of_form(path: Path, form: ScanForm, values: Mapping[str, Any] | No
         return TraceRecording(
             form.sample_interval_ns, form.time_zero_ns, form.zero_level, frequency_hz or None, form.samples
         )
-    if values is None:
-        raise InputError(path, "topics", "a RadarArray for sweeps: frequencies and look-up", "none")
-    frequencies_hz = _numbers(path, values, "frequencies_hz")
-    lookup, calibration = (_numbers(path, values, n) for n in ("lookup_sweeps", "lookup_calibration_sweep"))
+    layout = layout_of_form(path, form, values)
+    assert values is not None
+    measured = (_numbers(path, values, name) for name in ("channel_gain", "channel_delay_ns"))
+    gain, delay_ns = (numbers if len(numbers) else None for numbers in measured)
+    if calibration is not None:
+        return read_radar_calibration(calibration, layout, gain=gain, delay_ns=delay_ns)
+    lookup, lookup_calibration = (_numbers(path, values, n) for n in ("lookup_sweeps", "lookup_calibration_sweep"))
     due = {
-        "frequencies_hz": (frequencies_hz, form.samples),
-        "lookup_calibration_sweep": (calibration, 2 * form.samples),
+        "lookup_calibration_sweep": (lookup_calibration, 2 * form.samples),
         "lookup_sweeps": (lookup, 2 * form.samples * form.channels),
     }
     for name, (numbers, size) in due.items():
         if len(numbers) != size:
             raise InputError(path, f"RadarArray, {name}", f"{size} numbers, as in the scans", str(len(numbers)))
-    gain, delay_ns = (_numbers(path, values, name) for name in ("channel_gain", "channel_delay_ns"))
     return SweepRecording(
-        frequencies_hz,
+        layout.frequencies_hz,
         lookup.astype(np.float32).view(np.complex64).reshape(form.channels, form.samples),
-        calibration.astype(np.float32).view(np.complex64),
-        float(values.get("group_delay_ns", 0.0)),
-        gain if len(gain) else None,
-        delay_ns if len(delay_ns) else None,
+        lookup_calibration.astype(np.float32).view(np.complex64),
+        layout.group_delay_ns,
+        gain,
+        delay_ns,
     )
+
+
+def layout_of_form(path: Path, form: ScanForm, values: Mapping[str, Any] | None) -> SweepLayout:
+    """Layout of sweeps. Raises ``InputError`` without a ``RadarArray``, or with one of other frequencies."""
+    if values is None:
+        raise InputError(path, "topics", "a RadarArray for sweeps: frequencies and look-up", "none")
+    frequencies_hz = _numbers(path, values, "frequencies_hz")
+    if len(frequencies_hz) != form.samples:
+        expected = f"{form.samples} numbers, as in the scans"
+        raise InputError(path, "RadarArray, frequencies_hz", expected, str(len(frequencies_hz)))
+    return SweepLayout(form.channels, frequencies_hz, float(values.get("group_delay_ns", 0.0)))
 
 
 def _numbers(path: Path, values: Mapping[str, Any], name: str) -> Float[np.ndarray, " number"]:

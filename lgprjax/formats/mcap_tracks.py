@@ -11,9 +11,27 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax.errors import InputError
 from lgprjax.formats.drive import NavigationTrack, OdometryTrack
+from lgprjax.formats.plausible import (
+    known_sigma,
+    lengths_disagree,
+    of_one_recording,
+    path_length_m,
+    plausible_positions,
+    reach_in_time_m,
+)
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.ros import IMU, NAV_SAT_FIX, ODOMETRY, POSE, is_kind, yaw_and_roll
+from lgprjax.formats.ros import (
+    IMU,
+    NAV_SAT_FIX,
+    ODOMETRY,
+    POSE,
+    UNKNOWN_M2,
+    UNKNOWN_RAD2,
+    is_kind,
+    yaw_and_roll,
+)
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
+from lgprjax.formats.travel import SmoothedTravel, smoothed_travel
 from lgprjax.frames import LocalFrame, wrap_angle
 
 # Topics of a recording for a drive: stamps and numbers, a row a message.
@@ -35,14 +53,15 @@ class TopicRows:
         topic, kind: of the messages.
         columns: numbers a row.
         left_out: messages without usable values.
-        unstamped, repeated, unordered: rows without a stamp; with a repeated stamp; earlier than a previous one.
+        unstamped, undated, repeated, unordered: rows without a stamp; with a stamp of another day than most; with a
+            repeated stamp; earlier than a previous one.
     """
 
     def __init__(self, topic: str, kind: str, columns: int) -> None:
         self.topic = topic
         self.kind = kind
         self.columns = columns
-        self.left_out = self.unstamped = self.repeated = self.unordered = 0
+        self.left_out = self.unstamped = self.undated = self.repeated = self.unordered = 0
         self._stamp_ns = array("q")
         self._log_ns = array("q")
         self._values = array("d")
@@ -81,10 +100,11 @@ class TopicRows:
     def order(self) -> Int[np.ndarray, " kept"]:
         """Rows to keep, by rising stamps; of equal stamps the first in the file."""
         times, has = self._times_ns(), self._has_stamp()
-        usable = np.flatnonzero(has | (not np.any(has)))
+        stamped = np.flatnonzero(has | (not np.any(has)))
+        usable = stamped[of_one_recording(times[stamped])]
         rising = usable[np.argsort(times[usable], kind="stable")]
         first = np.diff(times[rising], prepend=-1) != 0
-        self.unstamped = len(self) - len(usable)
+        self.unstamped, self.undated = len(self) - len(stamped), len(stamped) - len(usable)
         self.repeated = int(np.count_nonzero(~first))
         self.unordered = int(np.count_nonzero(np.diff(times[usable]) < 0))
         return np.asarray(rising[first])
@@ -134,11 +154,11 @@ COLUMNS = {NAV_SAT_FIX: 6, IMU: 4, POSE: 4, ODOMETRY: 7}
 
 def _position(values: Mapping[str, Any]) -> tuple[float, ...] | None:
     latitude, longitude, height = values["latitude"], values["longitude"], values["altitude"]
-    if values["status.status"] == _NO_FIX or not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0):
+    if values["status.status"] == _NO_FIX or not (math.isfinite(latitude) and math.isfinite(longitude)):
         return None
     covariance = values["position_covariance"]
-    known = values["position_covariance_type"] > 0
-    variances = (float(covariance[i]) if known else math.nan for i in (0, 4, 8))
+    known = values["position_covariance_type"] > 0  # zero for a sigma is judged with the others
+    variances = (_known(covariance[i], UNKNOWN_M2) if known else math.nan for i in (0, 4, 8))
     return (latitude, longitude, height, *variances)
 
 
@@ -149,11 +169,20 @@ def _angles(values: Mapping[str, Any], path: str) -> tuple[float, float]:
 def _variances(covariance: np.ndarray, yaw: int, roll: int) -> tuple[float, float]:
     if not np.any(covariance):
         return math.nan, math.nan  # by the messages' definitions, all zero means unknown
-    return float(covariance[yaw]), float(covariance[roll])
+    return _known(covariance[yaw], UNKNOWN_RAD2), _known(covariance[roll], UNKNOWN_RAD2)
+
+
+def _known(variance: float, unknown: float) -> float:
+    """A variance, NaN where it only says that nothing is known."""
+    return float(variance) if variance < unknown else math.nan
 
 
 # Headings are not interpolated over longer gaps than this, nor over more than three usual steps of a slow source.
 _LONGEST_GAP_S = 1.0
+_TRAVEL_MARGIN = 2.0
+"""Positions may be this much farther apart than the odometer's travel: wheels slip, and odometers have scales."""
+_MOST_AGREE = 0.8
+"""Share of the positions that travel must allow to judge the others: else the odometer is doubted."""
 
 
 class McapAssumed(NamedTuple):
@@ -205,19 +234,21 @@ def navigation_track(
     odometry: OdometryTrack | None,
     t0_ns: int,
     assumed: McapAssumed,
-) -> NavigationTrack:
-    """Poses of the body origin at the times of the positions.
+) -> tuple[NavigationTrack, tuple[str, ...]]:
+    """Poses of the body origin at the times of the positions, and what was left out, in words.
 
-    Positions with a gap before the next heading are left out. Without a source of headings they follow the path, and
-    the roll is zero. Sigmas that neither a message nor the user states stay absent.
+    Positions that are not plausible, and those with a gap before the next heading, are left out. Without a source of
+    headings they follow the path, and the roll is zero. Sigmas that neither a message nor the user states stay absent.
 
     Raises:
         InputError: fewer than two positions, the heading cannot be determined, or only some messages have a covariance
             that is not assumed.
     """
     ns, rows = position.sorted()
-    if not np.all(np.isnan(rows[:, 2])):
-        ns, rows = (part[np.isfinite(rows[:, 2])] for part in (ns, rows))
+    kept, notes = _plausible_rows(position.topic, (ns - t0_ns) / 1e9, rows, odometry)
+    ns, rows = ns[kept], rows[kept]
+    if len(ns) < 2 and notes:
+        raise InputError(path, position.topic, "at least 2 plausible positions", f"{len(ns)}: {notes[0]}")
     if attitude is not None:
         found, covered = _attitude_at(attitude, ns)
         ns, rows = ns[covered], rows[covered]
@@ -234,7 +265,7 @@ def navigation_track(
     place = place if attitude is None else attitude.topic
     sigmas_rad = [_sigma(path, place, v, degrees, "--heading-sigma-deg") for v in found[2:]]
     latitude, longitude, height = _body_origin(rows, found, assumed.gnss_m)
-    return NavigationTrack(
+    track = NavigationTrack(
         time_s=time_s,
         latitude_deg=latitude,
         longitude_deg=longitude,
@@ -247,24 +278,65 @@ def navigation_track(
         sigma_heading_deg=None if sigmas_rad[0] is None else np.degrees(sigmas_rad[0]),
         sigma_roll_deg=None if sigmas_rad[1] is None else np.degrees(sigmas_rad[1]),
     )
+    return track, notes
+
+
+def _plausible_rows(
+    topic: str,
+    time_s: Float[np.ndarray, " position"],
+    rows: Float[np.ndarray, "position 6"],
+    odometry: OdometryTrack | None,
+) -> tuple[Bool[np.ndarray, " position"], tuple[str, ...]]:
+    """Plausible positions, and what was left out, in words. Longitudes are brought to -180 to 180 in place."""
+    variance = np.max(rows[:, 3:5], axis=1, initial=0.0)
+    sigma_m = np.sqrt(known_sigma(variance))
+    judged = plausible_positions(rows[:, 0], rows[:, 1], reach_in_time_m(time_s), sigma_m)
+    rows[:, 1] = judged.longitude_deg
+    notes = []
+    if odometry is not None:
+        way_m = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(odometry.distance_m)))])
+        by_travel = plausible_positions(
+            rows[:, 0], rows[:, 1], _TRAVEL_MARGIN * np.interp(time_s, odometry.time_s, way_m), sigma_m
+        )
+        doubted = np.count_nonzero(by_travel.kept) < _MOST_AGREE * np.count_nonzero(judged.kept)
+        if doubted:
+            notes.append(f"{topic}: the odometry contradicts most positions: is its scale right?")
+        else:
+            judged = by_travel
+        inside = judged.kept & (time_s >= odometry.time_s[0]) & (time_s <= odometry.time_s[-1])
+        if np.count_nonzero(inside) > 1:
+            span_s = time_s[inside][[0, -1]]
+            travel_m = float(np.diff(np.interp(span_s, odometry.time_s, way_m))[0])
+            least_m = max(1.0, 10.0 * float(np.nan_to_num(np.nanmedian(np.append(sigma_m, 0.0)))))
+            path_m = path_length_m(rows[inside, 0], rows[inside, 1], least_m)
+            if lengths_disagree(travel_m, path_m) and abs(travel_m - path_m) > least_m:
+                said = f"the positions are {path_m:.1f} m long, the odometry {travel_m:.1f} m"
+                notes.append(f"{topic}: {said}: travel is that of the odometry, check its scale and unit")
+    if judged.left_out:
+        notes.append(f"{topic}: {judged.in_words()}")
+    kept, has_height = judged.kept, np.isfinite(rows[:, 2])
+    if np.any(has_height[kept]) and not np.all(has_height[kept]):
+        notes.append(f"{topic}: left out {np.count_nonzero(kept & ~has_height)} positions without a height")
+        kept = kept & has_height
+    return kept, tuple(notes)
 
 
 def tracks_assumed(
-    position: TopicRows, attitude: TopicRows | None, odometer: TopicRows | None, given: McapAssumed
+    position: TopicRows, attitude: TopicRows | None, travelled: SmoothedTravel | None, given: McapAssumed
 ) -> Assumed:
-    """Assumptions about the tracks, for quantities without a message."""
+    """Assumptions about the tracks, for quantities without a message; ``travelled``: without an odometer."""
     _, rows = position.sorted()
     assumed: Assumed = {}
-    if odometer is None:
-        assumed["odometry"] = "from the positions"
+    if travelled is not None:
+        assumed["odometry"] = travelled.in_words()
     if attitude is None:
         assumed |= {"heading": "along the path", "roll": "taken as 0"}
     if np.all(np.isnan(rows[:, 2])):
         assumed["height"] = "taken as 0"
-    if not np.all(rows[:, 3:5] >= 0.0):
+    if not np.all(rows[:, 3:5] > 0.0):
         assumed["position sigma"] = _stands_in(given.gnss_sigma_m, "m")
     turns = None if attitude is None else attitude.sorted()[1]
-    if turns is None or not np.all(turns[np.isfinite(turns[:, 0]), 2] >= 0.0):
+    if turns is None or not np.all(turns[np.isfinite(turns[:, 0]), 2] > 0.0):
         assumed["heading sigma"] = _stands_in(given.heading_sigma_deg, "degrees")
     return assumed
 
@@ -273,14 +345,15 @@ def _stands_in(sigma: float | None, unit: str) -> str:
     return "not recorded" if sigma is None else f"{sigma:g} {unit} as given, where no message states it"
 
 
-def travel_along(navigation: NavigationTrack) -> OdometryTrack:
+def travel_along(navigation: NavigationTrack) -> SmoothedTravel:
     """Signed travel by the positions themselves, along the heading: jitter while standing cancels."""
     frame = LocalFrame(
         float(navigation.latitude_deg[0]), float(navigation.longitude_deg[0]), float(navigation.height_m[0])
     )
     east, north, _ = frame.to_local(navigation.latitude_deg, navigation.longitude_deg, navigation.height_m)
     yaw = frame.yaw_of_heading(navigation.heading_deg, navigation.longitude_deg)
-    return OdometryTrack(navigation.time_s, np.concatenate([[0.0], np.cumsum(_steps_m(east, north, yaw))]))
+    along_m = np.concatenate([[0.0], np.cumsum(_steps_m(east, north, yaw))])
+    return smoothed_travel(navigation.time_s, along_m)
 
 
 def _steps_m(
@@ -338,7 +411,7 @@ def _attitude_of_path(
 def _sigma(
     path: Path, topic: str, variance: Float[np.ndarray, " position"], assumed: float | None, option: str
 ) -> Float[np.ndarray, " position"] | None:
-    known = np.isfinite(variance) & (variance >= 0.0)
+    known = np.isfinite(known_sigma(variance))
     if assumed is None and not np.any(known):
         return None
     if assumed is None and not np.all(known):

@@ -43,6 +43,7 @@ class Profile:
         coordinates: where each trace was recorded, if known.
         left_m, forward_m: place of each channel in the array, if known; falling from left to right.
         cut: the part read of a truncated file, such as ``120 of 199 traces``; ``None`` for a complete file.
+        notes: what the file states and its contents contradict, a line each.
     """
 
     path: Path
@@ -57,6 +58,7 @@ class Profile:
     left_m: Float[np.ndarray, " channel"] | None = None
     forward_m: Float[np.ndarray, " channel"] | None = None
     cut: str | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def traces(self) -> Num[np.ndarray, "trace sample"]:
@@ -124,6 +126,12 @@ def count_traces(
             file, "traces", expected, found + ("; read the whole ones with lgprjax import --partial" if cut else "")
         )
     return whole, f"{whole} of {f'at least {whole + 1}' if said is None else said[0]} traces"
+
+
+def check_channel(file: Path, channel: int | None, channels: int) -> None:
+    """Raise ``InputError`` for a channel that a file does not have; ``None`` is all of them."""
+    if channel is not None and not 0 <= channel < channels:
+        raise InputError(file, "--channel", f"0 to {channels - 1}" if channels > 1 else "0, its only one", str(channel))
 
 
 # No quantity of a header is as large or, above zero, as small: such a value is damaged, and would overflow later.

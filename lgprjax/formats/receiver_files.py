@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lgprjax.errors import InputError
+from lgprjax.formats.plausible import plausible_positions, reach_in_time_m
 from lgprjax.formats.profile import read_bytes
 from lgprjax.formats.side_positions import HeightReference, SidePositions
 
@@ -170,8 +171,7 @@ def read_dzg(path: str | Path) -> SidePositions:
 def read_cor(path: str | Path) -> SidePositions:
     """Read a ``.cor`` file of MALA: a row a fix of trace, date, time, latitude, N or S, longitude, E or W, height, M.
 
-    Traces count from 1, or from 0 if the first row has 0. A tenth column is the dilution of precision. Rows at latitude
-    and longitude zero have no fix.
+    Traces count from 1, or from 0 if the first row has 0. A tenth column is the dilution of precision.
 
     Raises:
         InputError: the file is missing, a row is malformed, the numbers of its traces fall, or no row has a fix.
@@ -192,7 +192,7 @@ def read_cor(path: str | Path) -> SidePositions:
             raise InputError(file, place, expected, repr(match[1][:60]))
         first = int(parts[1]) if first is None else first
         rows.begin(int(parts[1]) - min(first, 1), place)
-        rows.add(fix if fix.latitude_deg or fix.longitude_deg else None)
+        rows.add(fix)
     return rows.positions("unstated", {})
 
 
@@ -285,11 +285,15 @@ class _Rows:
 
     def positions(self, height: HeightReference | None, counts: dict[str, int]) -> SidePositions:
         """All rows; without ``height`` they are NMEA's. Raises ``InputError`` when there is none."""
-        counts = {"traces": self._traces, **counts, "without fix": self._without_fix}
-        if not self._values:
+        table = np.array(self._values).reshape(-1, 1 + len(NmeaFix._fields)).T
+        # Times of day: midnight is a step of some seconds.
+        steps_s = (np.diff(table[5], prepend=table[5, :1]) + 43_200.0) % 86_400.0 - 43_200.0
+        judged = plausible_positions(table[1], table[2], reach_in_time_m(np.cumsum(steps_s)))
+        counts = {"traces": self._traces, **counts, "without fix": self._without_fix, **judged.left_out}
+        if not judged.kept.any():
             counts_text = ", ".join(f"{name} {count}" for name, count in counts.items())
             raise InputError(self._file, "positions", "at least one trace with a fix", f"none ({counts_text})")
-        table = np.frombuffer(self._values).reshape(-1, 1 + len(NmeaFix._fields)).T.copy()
+        table = table[:, judged.kept]
         trace, latitude, longitude, z, separation, time_s, quality, satellites, hdop = table
         if height is None:
             height = "sea level" if np.isnan(separation).any() else "ellipsoid"

@@ -237,8 +237,9 @@ TOPICS = {
 
 DRIVE_METADATA = "lgprjax.drive"
 """Name of an exported drive's metadata in the file: name, t0_utc, provenance."""
-# A drive log has no pitch: a right angle either way.
-PITCH_VARIANCE = (np.pi / 2) ** 2
+# In a covariance, of what is not known beside what is: a right angle either way, as of the pitch, which a drive log has
+# not; and a thousand kilometres. Variances from these on are read as unknown.
+UNKNOWN_RAD2, UNKNOWN_M2 = (np.pi / 2) ** 2, 1e12
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 
 _OWN = {
@@ -415,7 +416,7 @@ def pose_covariance(covariance: Float[np.ndarray, "5 5"]) -> Float[np.ndarray, "
     places = np.array([0, 1, 2, 5, 3])
     reordered = np.zeros((6, 6))
     reordered[np.ix_(places, places)] = covariance
-    reordered[4, 4] = PITCH_VARIANCE
+    reordered[4, 4] = UNKNOWN_RAD2
     return reordered
 
 

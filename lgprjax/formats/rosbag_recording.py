@@ -35,6 +35,7 @@ class RosbagRecording:
 
     Attributes:
         path: the file, or the folder of a ROS 2 bag.
+        repaired_by: command of ROS that repairs a bag that was cut.
         kinds: type of each topic.
         metadata: none; as of ``McapRecording``.
         whole: whether the last pass reached the bag's end.
@@ -52,6 +53,8 @@ class RosbagRecording:
         self.path = Path(path)
         self._bag = _bag_of(self.path)
         _require_rosbags(self.path)
+        ros1 = self._bag.suffix.lower() == ".bag"
+        self.repaired_by = f"rosbag reindex {self._bag}" if ros1 else f"ros2 bag reindex {self._bag}"
         self.kinds: dict[str, str] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.refused: dict[str, str] = {}
@@ -104,7 +107,7 @@ class RosbagRecording:
             if not head.startswith((b"#ROSBAG", b"SQLite format 3")):
                 return "another format"
         words = " ".join(str(error).split()) or type(error).__name__
-        return f"a truncated or damaged bag ({words}); rosbag reindex repairs a truncated .bag"
+        return f"a truncated or damaged bag ({words}); {self.repaired_by} repairs some"
 
     def _layout(self, types: Any, connection: Any) -> MessageLayout | None:
         self.kinds[connection.topic] = connection.msgtype
@@ -117,8 +120,8 @@ class RosbagRecording:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a name is that of a bag: a file, or a folder with the metadata of one."""
-    return path.suffix.lower() in BAG_SUFFIXES or (path / _METADATA).is_file()
+    """Whether a name is that of a bag: a file, or a folder with the metadata or the files of one."""
+    return path.suffix.lower() in BAG_SUFFIXES or (path / _METADATA).is_file() or any(path.glob("*.db3"))
 
 
 Recording = McapRecording | RosbagRecording
@@ -133,11 +136,13 @@ def _bag_of(path: Path) -> Path:
     """What rosbags opens: a ROS 1 file, or the folder of a ROS 2 bag."""
     if not path.exists():
         raise InputError(path, "file", "a readable file", "No such file or directory")
-    if path.suffix.lower() != ".db3" or path.is_dir():
+    if not path.is_dir() and path.suffix.lower() != ".db3":
         return path
-    if not (path.parent / _METADATA).is_file():
-        raise InputError(path, "bag", f"{_METADATA} in the same folder, as written by ros2 bag", "none")
-    return path.parent
+    folder = path if path.is_dir() else path.parent
+    if not (folder / _METADATA).is_file():
+        expected = f"{_METADATA} in the same folder (ros2 bag reindex {folder} writes it)"
+        raise InputError(path, "bag", expected, "none")
+    return folder
 
 
 def _require_rosbags(path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.plausible import on_earth
 from lgprjax.formats.profile import read_bytes
 from lgprjax.formats.receiver_files import read_cor, read_dzg, read_gps
 from lgprjax.formats.side_positions import PositionKind, SidePositions, metres_kind
@@ -120,7 +121,7 @@ def _positions(file: Path, table: dict[str, Float[np.ndarray, " row"]]) -> SideP
     kind: PositionKind = "along metres"
     if plane == ("longitude", "latitude"):
         kind = "degrees"
-        wrong = np.flatnonzero((np.abs(x) > 180.0) | (np.abs(y) > 90.0))
+        wrong = np.flatnonzero(~on_earth(y, x))
         if wrong.size:
             found = f"{x[wrong[0]]:g}, {y[wrong[0]]:g}"
             raise InputError(file, f"row {wrong[0] + 1}", "longitude and latitude in degrees", found)

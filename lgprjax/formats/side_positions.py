@@ -34,7 +34,7 @@ class SidePositions:
             precision; NaN if missing in a row.
         counts: rows read and left out. Topography: ``rows``. Receivers: ``rows``, ``traces`` (named in
             the file), ``without fix`` and ``repeated`` (rows with the time of the row before: the receiver had
-            nothing new); of NMEA also ``sentences``, ``failed checksum`` and ``cut``.
+            nothing new); of NMEA also ``sentences``, ``failed checksum`` and ``cut``; and implausible ones by reason.
     """
 
     path: Path

@@ -16,6 +16,14 @@ from lgprjax.errors import InputError
 from lgprjax.files import load_toml
 from lgprjax.formats.drive import NavigationTrack, OdometryTrack
 from lgprjax.formats.mcap_recording import McapRecording
+from lgprjax.formats.plausible import (
+    ASTRAY,
+    known_sigma,
+    left_out_in_words,
+    plausible_places,
+    plausible_positions,
+    reach_in_time_m,
+)
 from lgprjax.formats.survey_track import check_utm
 from lgprjax.formats.vehicle_log import VehicleLog, write_vehicle_log
 from lgprjax.frames import LocalFrame
@@ -49,7 +57,7 @@ _SIGNALS: dict[str, _Signal] = {
     "speed": _Signal("speed", None, -40.0, 40.0),
     "travel": _Signal("distance", None, -1e6, 1e6),
     "latitude": _Signal("degrees", None, -90.0, 90.0),
-    "longitude": _Signal("degrees", None, -180.0, 180.0),
+    "longitude": _Signal("degrees", None, -360.0, 360.0),
     "height": _Signal("distance", None, -500.0, 9000.0),
     "east": _Signal("distance", None, -1e8, 1e8),
     "north": _Signal("distance", None, -1e8, 1e8),
@@ -157,7 +165,7 @@ def import_signals(
         if column.unit not in units:
             raise place.at("unit").refuse(" or ".join(units), repr(column.unit))
     series, left_out = _read(path, asked, map_file)
-    log, assumed = _as_log(path, asked, map_file, series)
+    log, assumed = _as_log(path, asked, map_file, series, left_out)
     write_vehicle_log(output, log, force=force)
     seconds = float(log.odometry.time_s[-1] - log.odometry.time_s[0])
     return ImportedSignals({name: len(one.value) for name, one in series.items()}, seconds, assumed, left_out)
@@ -256,7 +264,7 @@ def _read_csv(path: Path) -> _Table:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             first = stream.readline()
-            separator = next((each for each in (";", "\t") if each in first), ",")
+            separator = separator_of(first)
             stream.seek(0)
             rows = list(csv.reader(stream, delimiter=separator))
     except UnicodeDecodeError as error:
@@ -268,7 +276,7 @@ def _read_csv(path: Path) -> _Table:
     if len(rows) < 2:
         raise InputError(path, "rows", "a header and numbers", "a header only" if rows else "none")
     header = [name.strip() for name in rows[0]]
-    if all(_number(name, separator) is not None for name in header):
+    if all(number_of(name, separator) is not None for name in header):
         raise InputError(path, "row 1", "the names of the columns", "numbers")
     columns = np.full((len(header), len(rows) - 1), np.nan)
     words: dict[str, tuple[int, int, str]] = {}
@@ -281,7 +289,7 @@ def _read_csv(path: Path) -> _Table:
         for column, (name, text) in enumerate(zip(header, row, strict=False)):
             if text.strip().lower() in _EMPTY:
                 continue
-            value = _number(text, separator)
+            value = number_of(text, separator)
             if value is None:
                 # It is told or refused where its column is asked for.
                 count, at, word = words.get(name, (0, number + 2, text.strip()))
@@ -292,7 +300,12 @@ def _read_csv(path: Path) -> _Table:
     return _Table(dict(zip(header, columns, strict=True)), 2, words, repeated)
 
 
-def _number(text: str, separator: str) -> float | None:
+def separator_of(header: str) -> str:
+    """What separates the columns of a table, from the line of their names."""
+    return next((each for each in (";", "\t") if each in header), ",")
+
+
+def number_of(text: str, separator: str) -> float | None:
     """The number of a cell, with a decimal comma where it does not separate columns; ``None`` if it is none."""
     plain = text.replace(",", ".") if separator != "," and "." not in text else text
     try:
@@ -355,13 +368,13 @@ def _read_mcap(path: Path, asked: _SignalMap, map_file: Path) -> dict[str, tuple
 
 
 def _as_log(
-    path: Path, asked: _SignalMap, map_file: Path, series: dict[str, _Series]
+    path: Path, asked: _SignalMap, map_file: Path, series: dict[str, _Series], left_out: dict[str, str]
 ) -> tuple[VehicleLog, dict[str, str]]:
     first = min(float(one.time_s[0]) for one in series.values())
     series = {name: one._replace(time_s=one.time_s - first) for name, one in series.items()}
     assumed: dict[str, str] = {}
     odometry = _odometry(path, map_file, series)
-    navigation = _navigation(path, map_file, asked, series, odometry, assumed)
+    navigation = _navigation(path, map_file, asked, series, odometry, assumed, left_out)
     clock = _clock(series)
     signals: dict[str, np.ndarray] = {"time_s": clock}
     for name, signal in _SIGNALS.items():
@@ -422,6 +435,7 @@ def _navigation(
     series: dict[str, _Series],
     odometry: OdometryTrack,
     assumed: dict[str, str],
+    left_out: dict[str, str],
 ) -> NavigationTrack:
     """Poses of the rear axle; without positions reckoned from speed and yaw rate, which the log then says."""
     on_earth, in_plane = ({*pair} <= set(series) for pair in (("latitude", "longitude"), ("east", "north")))
@@ -430,11 +444,22 @@ def _navigation(
         raise TableKey(map_file, "utm_zone").refuse(expected, f"{asked.utm_zone!r} without use")
     if on_earth:
         time_s = series["latitude"].time_s
-        latitude, longitude = series["latitude"].value, _at(series["longitude"], time_s)
+        latitude, longitude = series["latitude"].value, _turning_at(series["longitude"], time_s, 360.0)
+        kept, longitude, counts = plausible_positions(latitude, longitude, reach_in_time_m(time_s))
+        if counts:
+            left_out["latitude, longitude"] = left_out_in_words(counts, len(time_s))
+        if np.count_nonzero(kept) < _LEAST_ROWS:
+            expected = f"{_LEAST_ROWS} plausible ones or more"
+            raise InputError(path, "positions", expected, left_out["latitude, longitude"])
+        time_s, latitude, longitude = time_s[kept], latitude[kept], longitude[kept]
     elif in_plane:
         time_s = series["east"].time_s
-        north = _at(series["north"], time_s)
-        latitude, longitude = _from_plane(path, map_file, asked, series["east"].value, north, assumed)
+        east, north = series["east"].value, _at(series["north"], time_s)
+        kept = plausible_places(east, north, reach_in_time_m(time_s))
+        if not kept.all():
+            left_out["east, north"] = left_out_in_words({ASTRAY: int(np.sum(~kept))}, len(kept))
+        time_s, east, north = time_s[kept], east[kept], north[kept]
+        latitude, longitude = _from_plane(path, map_file, asked, east, north, assumed)
     elif "yaw_rate" in series:
         time_s = series["yaw_rate"].time_s
         way = np.interp(time_s, odometry.time_s, odometry.distance_m)
@@ -462,8 +487,9 @@ def _navigation(
     height = _at(series["height"], time_s) if "height" in series else np.zeros(len(time_s))
     if "height" not in series:
         assumed["height"] = "0 m"
-    sigma = _at(series["position_sigma"], time_s) if "position_sigma" in series else None
-    heading_sigma = _at(series["heading_sigma"], time_s) if "heading_sigma" in series else None
+    sigma, heading_sigma = (
+        _sigma_at(name, series, time_s, assumed, left_out) for name in ("position_sigma", "heading_sigma")
+    )
     return NavigationTrack(
         time_s,
         latitude,
@@ -475,6 +501,25 @@ def _navigation(
         sigma_north_m=sigma,
         sigma_heading_deg=heading_sigma,
     )
+
+
+def _sigma_at(
+    name: str,
+    series: dict[str, _Series],
+    time_s: Float[np.ndarray, " row"],
+    assumed: dict[str, str],
+    left_out: dict[str, str],
+) -> Float[np.ndarray, " row"] | None:
+    """A sigma at some times, from the rows that state one: zero means unknown."""
+    if name not in series:
+        return None
+    known = np.isfinite(known_sigma(series[name].value))
+    if not known.all():
+        left_out[name] = f"{np.count_nonzero(~known)} of {len(known)} rows state a sigma of 0, which means unknown"
+    if not known.any():
+        assumed[name.replace("_", " ")] = "not recorded"
+        return None
+    return _at(_Series(*(part[known] for part in series[name])), time_s)
 
 
 def _at(one: _Series, time_s: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:

@@ -9,6 +9,7 @@ import pyproj
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.plausible import lengths_disagree
 from lgprjax.formats.profile import Profile
 from lgprjax.formats.side_positions import SidePositions, about_as_many, metres_kind, places_of_traces
 from lgprjax.formats.survey_track import SurveyOrigin, check_utm, utm_projection
@@ -20,8 +21,8 @@ _SMOOTHED_M = 5.0
 _OTHER_STEP = 0.2
 _DEGREE_M = 111_200.0
 """Metres per degree of latitude: accurate enough to extrapolate from a line's last place."""
-OTHER_LENGTH = 1.5
-"""Lengths of a line by its header and by a topography that differ by more are not both right."""
+_ROWS_BEYOND = 0.1
+"""Share of a receiver's positions that may follow a line's last trace."""
 _GEOD = pyproj.Geod(ellps="WGS84")
 
 
@@ -63,12 +64,9 @@ def lay_out(
         utm_zone: of positions in metres of a UTM grid.
 
     Raises:
-        InputError: several lines without any positions, or positions that are invalid or of another line.
+        InputError: several lines without any positions, or positions that are invalid.
     """
     assumed = bool(place.assumed())
-    for line, side in zip(lines, beside, strict=True):
-        if side is not None:
-            _check_fit(line, side)
     beside = [
         side if side is None or places_traces(line, side) else None for line, side in zip(lines, beside, strict=True)
     ]
@@ -148,15 +146,19 @@ def header_positions(line: Profile) -> SidePositions | None:
     )
 
 
-def _check_fit(line: Profile, side: SidePositions) -> None:
+def check_fit(line: Profile, side: SidePositions) -> None:
     """Raise ``InputError`` for positions that are not this line's: too few or too many, or beyond its end."""
     traces, cut = len(line.channels), line.cut is not None
     another = f"; move {side.path.name} away if it belongs to another line"
     if side.numbered:
         beyond = int(np.count_nonzero(side.trace >= traces))
-        if beyond == len(side.trace) or (beyond > max(2, 0.1 * traces) and not cut):
-            found = f"{beyond} of {len(side.trace)} positions beyond the end of the line{another}"
+        if beyond == len(side.trace) or (beyond > max(2, _ROWS_BEYOND * len(side.trace)) and not cut):
+            paused = ", or did the radar pause" if beyond < len(side.trace) else ""
+            found = f"{beyond} of {len(side.trace)} positions beyond the end of the line (another line{paused}?)"
             raise InputError(side.path, "traces", f"positions of the {traces} traces of {line.path.name}", found)
+        own = side.trace < traces
+        if len(np.unique(np.stack([side.x[own], side.y[own]]), axis=1).T) < 2:
+            raise InputError(side.path, "positions", "positions along a line", "one position")
         return
     if about_as_many(len(side.x), traces, cut=cut):
         return
@@ -164,7 +166,7 @@ def _check_fit(line: Profile, side: SidePositions) -> None:
     if side.kind != "along metres" or len(side.x) > traces:
         expected = f"one for each of the {traces} traces of {line.path.name}"
         raise InputError(side.path, "rows", expected, f"{len(side.x)} rows{another}")
-    if length_m and not cut and points_m > OTHER_LENGTH * length_m:
+    if length_m and not cut and points_m > length_m and lengths_disagree(points_m, length_m):
         expected = f"distances within {length_m:g} m, the length of {line.path.name}"
         raise InputError(side.path, "rows", expected, f"{points_m:g} m{another}")
 

@@ -14,6 +14,7 @@ from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import NavigationTrack
 from lgprjax.formats.profile import Assumed
 from lgprjax.formats.store import atomic_output
+from lgprjax.formats.travel import SmoothedTravel, smoothed_travel
 
 # A survey's clock does not matter: scans are timed as if walked at this speed.
 SURVEY_SPEED_MPS = 1.0
@@ -172,6 +173,24 @@ def path_headings_deg(
     convergence_deg = turn_deg * np.sin(np.deg2rad(latitude_deg))
     headings: np.ndarray = (np.rad2deg(np.arctan2(chord[held, 0], chord[held, 1])) + convergence_deg) % 360.0
     return headings
+
+
+def travel_along_path(
+    latitude_deg: Float[np.ndarray, " scan"], longitude_deg: Float[np.ndarray, " scan"]
+) -> SmoothedTravel:
+    """Travel of a vehicle that never reverses, by its positions: steps along its heading, smoothed, never falling.
+
+    The length of the path itself would be too long: every step of it has the positions' noise.
+
+    Raises:
+        ValueError: the path never moves.
+    """
+    heading = np.radians(path_headings_deg(latitude_deg, longitude_deg, distances_m(latitude_deg, longitude_deg)))
+    azimuth, _, step_m = _GEOD.inv(longitude_deg[:-1], latitude_deg[:-1], longitude_deg[1:], latitude_deg[1:])
+    halfway = np.unwrap(heading)
+    along_m = step_m * np.cos(np.radians(azimuth) - 0.5 * (halfway[1:] + halfway[:-1]))
+    smooth = smoothed_travel(np.arange(len(heading), dtype=np.float64), np.concatenate([[0.0], np.cumsum(along_m)]))
+    return smooth._replace(distance_m=np.maximum.accumulate(smooth.distance_m))
 
 
 # Turning points of a perimeter as a table: position, and bearing and distance to each.

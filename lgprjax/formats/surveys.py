@@ -12,13 +12,14 @@ from jaxtyping import Float
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
-from lgprjax.formats.profile import Assumed, Profile
+from lgprjax.formats.plausible import IMPLAUSIBLE, left_out_in_words, lengths_disagree, path_length_m
+from lgprjax.formats.profile import Assumed, Profile, check_channel
 from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, strangers, unread_notes
 from lgprjax.formats.side_positions import SidePositions
-from lgprjax.formats.survey_layout import OTHER_LENGTH, SurveyLayout, header_positions, lay_out, places_traces
+from lgprjax.formats.survey_layout import SurveyLayout, check_fit, header_positions, lay_out, places_traces
 from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, distances_m, unused_zone, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
-from lgprjax.formats.vendors.segy import read_segy
+from lgprjax.formats.vendors.segy import SampleFormat, read_segy
 
 _SAME_LINE_M = 0.005
 _FARTHEST_LINES_M = 100.0
@@ -34,16 +35,19 @@ READERS = {
 }
 
 
-def read_profile(path: str | Path, *, partial: bool = False) -> Profile:
-    """Read a vendor's file by its suffix, one of ``READERS``; with ``partial`` only its intact part.
+def read_profile(path: str | Path, *, channel: int | None = None, partial: bool = False) -> Profile:
+    """Read a vendor's file by its suffix, one of ``READERS``; only one channel, or with ``partial`` its intact part.
 
     Raises ``InputError``.
     """
     reader = READERS.get(Path(path).suffix.lower())
+    if reader is read_dzt:
+        return read_dzt(path, channel=channel, partial=partial)
     if reader is None and Path(path).is_dir():
         raise InputError(path, "file", "a recording", "a folder")
     if reader is None:
         raise InputError(path, "file name", "a suffix among " + ", ".join(READERS), repr(Path(path).suffix))
+    check_channel(Path(path), channel, channels=1)
     return reader(path, partial=partial)
 
 
@@ -74,7 +78,9 @@ def import_lines(
     time_zero: TimeZero = "auto",
     polarity: Literal["auto", "keep"] = "auto",
     reversed_lines: Reversed = "auto",
+    channel: int | None = None,
     sample_interval_ns: float | None = None,
+    sample_format: SampleFormat | None = None,
     utm_zone: str | None = None,
     partial: bool = False,
     latitude_deg: float = 0.0,
@@ -93,7 +99,8 @@ def import_lines(
     Time zeros, signs, directions and starts are estimated from the traces (``survey_layout``).
 
     Args:
-        paths: vendor files, from left to right. A single file of several channels counts as that many lines.
+        paths: vendor files, from left to right. A single file of several channels counts as that many lines, placed by
+            tape.
         output: the drive log.
         line_spacing_m: distance between lines.
         lines_at_m: place of each line, to the right of the origin.
@@ -101,7 +108,8 @@ def import_lines(
         length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
         time_zero, polarity, reversed_lines: see ``find_lines``.
-        sample_interval_ns: two-way travel time between samples of SEG-Y files, if missing in the headers.
+        channel: the only one to read of files with several, from 0.
+        sample_interval_ns, sample_format: of SEG-Y files, see ``read_segy``.
         utm_zone: of positions in metres of a UTM grid, such as ``33N``.
         partial: read the intact traces of truncated files.
         latitude_deg, longitude_deg: origin, WGS-84.
@@ -114,9 +122,12 @@ def import_lines(
     if utm_zone is not None:
         utm_projection(utm_zone)  # a wrong zone is refused where nothing needs one, too
     _check_once(paths)
-    lines = [_read(path, sample_interval_ns, partial) for path in paths]
+    lines = [_read(path, channel, sample_interval_ns, sample_format, partial) for path in paths]
     if not lines:
         raise InputError(output, "lines", "at least one file", "none")
+    taped = line_spacing_m is not None or lines_at_m is not None
+    for line in lines:
+        _check_channels(line, alone=len(lines) == 1 and taped)
     if len(lines) == 1:
         lines = _channels(lines[0])
     place = SurveyOrigin(latitude_deg, longitude_deg, heading_deg)
@@ -128,11 +139,23 @@ def import_lines(
         raise ArgumentError("reversed_lines", f"numbers from 0 to {len(lines) - 1}", str(bad))
     right_m = _tape(len(lines), line_spacing_m, lines_at_m, first_line_m)
     taped = right_m is not None
-    beside = [None if length_m is not None else _positions_beside(line, surveyed=taped) for line in lines]
+    beside: list[SidePositions | None] = [None] * len(lines)
+    unusable: list[InputError] = []
+    for i, line in enumerate(lines if length_m is None else ()):
+        beside[i], refused = _positions_beside(line, surveyed=taped)
+        unusable += refused
+        # Without them the line has no place at all.
+        if refused and beside[i] is None and not taped and (len(lines) > 1 or line.positions_m is None):
+            raise refused[0]
     if not taped and length_m is None:
         lines, beside = _by_their_headers(lines, beside)
+    lines, beside, lengths = _with_believed_lengths(lines, beside, length_m)
     layout = lay_out(lines, beside, right_m, place, utm_zone)
-    notes = _notes(lines, beside, layout, place, utm_zone, length_m)
+    useless = [
+        f"{Path(error.file).name}: not used: {error.place}: expected {error.expected}, found {error.found}"
+        for error in unusable
+    ]
+    notes = (*useless, *lengths, *_notes(lines, beside, layout, place, utm_zone, length_m))
     # From left to right, so that neighbours are compared; lines driven one by one keep their order.
     order = np.argsort(-layout.left_m, kind="stable")
     lines = [lines[i] for i in order]
@@ -200,9 +223,10 @@ def import_iprb(
     *,
     place: SurveyOrigin,
     length_m: float | None = None,
+    partial: bool = False,
     output: str | Path,
     force: bool = False,
-) -> None:
+) -> str | None:
     """Write the ImpulseRadar files of one line, one a channel, as one drive log.
 
     Several files are an array, placed by ``CH_X_OFFSET`` and ``CH_Y_OFFSET`` of their headers; the leftmost becomes
@@ -212,13 +236,17 @@ def import_iprb(
         paths: the ``.iprb`` files of the channels.
         place: origin and direction of the line.
         length_m: length of the line, if measured by tape.
+        partial: read the intact traces of truncated files.
         output: the drive log.
         force: replace an output that exists.
+
+    Returns:
+        How many traces of truncated files were read; ``None``: all.
 
     Raises:
         InputError: a file cannot be read, or the channels do not belong together.
     """
-    array = read_iprb_array(paths)
+    array = read_iprb_array(paths, partial=partial)
     lines = _channels(array)
     write_lines(
         lines,
@@ -231,16 +259,35 @@ def import_iprb(
         length_m=length_m,
         force=force,
     )
+    return array.cut
 
 
-def _read(path: str | Path, sample_interval_ns: float | None, partial: bool) -> Profile:
-    if sample_interval_ns is None:
-        return read_profile(path, partial=partial)
+def _read(
+    path: str | Path,
+    channel: int | None,
+    sample_interval_ns: float | None,
+    sample_format: SampleFormat | None,
+    partial: bool,
+) -> Profile:
+    if sample_interval_ns is None and sample_format is None:
+        return read_profile(path, channel=channel, partial=partial)
     if READERS.get(Path(path).suffix.lower()) is not read_segy:
-        raise InputError(
-            path, "file name", "SEG-Y (the only format with a sample interval option)", repr(Path(path).suffix)
-        )
-    return read_segy(path, sample_interval_ns=sample_interval_ns, partial=partial)
+        expected = "SEG-Y (the only format with --sample-interval-ns and --sample-format)"
+        raise InputError(path, "file name", expected, repr(Path(path).suffix))
+    check_channel(Path(path), channel, channels=1)
+    return read_segy(path, sample_interval_ns=sample_interval_ns, sample_format=sample_format, partial=partial)
+
+
+def _check_channels(line: Profile, *, alone: bool) -> None:
+    """Raise ``InputError`` for several channels in one file, unless they are lines placed by tape: of two antennas in
+    one place, one is chosen.
+    """
+    channels = line.channels.shape[1]
+    if channels > 1 and not alone:
+        names = line.metadata.get("antennas")
+        antennas = f" ({', '.join(map(repr, names))})" if isinstance(names, tuple) and any(names) else ""
+        expected = "--channel for one of them (side by side: one file, lgprjax import lines --line-spacing-m)"
+        raise InputError(line.path, "channels", expected, f"{channels}{antennas}")
 
 
 def _check_once(paths: Sequence[str | Path]) -> None:
@@ -281,7 +328,7 @@ def _notes(
     length_m: float | None,
 ) -> tuple[str, ...]:
     """What was left unused and what looks wrong, in words."""
-    notes = []
+    notes = list(dict.fromkeys(note for line in lines for note in line.notes))
     files = dict.fromkeys(line.path for line in lines)
     if length_m is not None:
         unused = [file for path in files for file in find_side_files(path)]
@@ -293,15 +340,28 @@ def _notes(
         notes += _of_files(
             strangers(first_file), f"not read: the position file of {first_file.name} must have the same name"
         )
+    notes += [
+        f"{side.path.name}: {left_out_in_words(out, side.counts['rows'] + sum(out.values()))}"
+        for _, side in sides
+        if (out := {reason: side.counts[reason] for reason in IMPLAUSIBLE if reason in side.counts})
+    ]
+    for line in lines:
+        source = str(line.metadata.get("coordinates", ""))
+        notes += [f"{line.path.name}: coordinates from {source}"] if "left out" in source else []
+    for line, side in sides:
+        beyond = int(np.count_nonzero(side.trace >= len(line.channels))) if side.numbered and line.cut is None else 0
+        if beyond:
+            why = "if the radar paused, places behind the pause are wrong"
+            notes.append(f"{side.path.name}: {beyond} of {len(side.trace)} positions after the last trace: {why}")
     points = [side.path for line, side in sides if not places_traces(line, side)]
     notes += _of_files(
         list(dict.fromkeys(points)), "not used for positions: it has fewer points than traces (heights only)"
     )
     for (line, _), rows in zip(sides, layout.along_m, strict=True) if layout.along_m is not None else ():
-        header_m = (line.spacing_m or 0.0) * (len(line.channels) - 1)
-        rows_m = float(abs(rows[-1] - rows[0]))
-        if header_m and not 1.0 / OTHER_LENGTH < rows_m / header_m < OTHER_LENGTH:
-            notes.append(f"{line.path.name}: the topography is {rows_m:.2f} m long, the header says {header_m:.2f} m")
+        header_m, rows_m = _header_m(line, 0, len(line.channels) - 1), float(abs(rows[-1] - rows[0]))
+        if lengths_disagree(header_m, rows_m):
+            said = f"the header says {header_m:.2f} m, the topography {rows_m:.2f} m: the topography is used"
+            notes.append(f"{line.path.name}: {said}")
     dead = dict.fromkeys(line.path.name for line in lines if not np.ptp(line.traces))
     notes += [f"{name}: no signal was recorded: all samples are equal" for name in dead]
     first: dict[str, Path] = {}
@@ -355,10 +415,75 @@ def _tape(
     return first_line_m + np.arange(lines) * line_spacing_m
 
 
-def _positions_beside(line: Profile, *, surveyed: bool) -> SidePositions | None:
-    """Side positions of a line: its topography, else a receiver's positions, unless only surveyed ones are allowed."""
-    files = [file for file in find_side_files(line.path) if not (surveyed and file.suffix.lower() in RECEIVERS)]
-    return read_side_file(files[0]) if files else None
+def _positions_beside(line: Profile, *, surveyed: bool) -> tuple[SidePositions | None, list[InputError]]:
+    """Side positions of a line, and why files before them are no use.
+
+    These are those of its topography, else a receiver's, unless only surveyed ones are allowed.
+    """
+    unusable: list[InputError] = []
+    for file in find_side_files(line.path):
+        if surveyed and file.suffix.lower() in RECEIVERS:
+            continue
+        try:
+            side = read_side_file(file)
+            check_fit(line, side)
+        except InputError as error:
+            unusable.append(error)
+        else:
+            return side, unusable
+    return None, unusable
+
+
+_FIX_SIGMA_M = {4: 0.05, 5: 0.5, 2: 2.0}
+"""Sigma of a receiver's positions by their quality as in GGA; 5 m for any other, or where it is not stated."""
+_SURE_SIGMAS = 4.0
+
+
+def _with_believed_lengths(
+    lines: list[Profile], beside: list[SidePositions | None], length_m: float | None
+) -> tuple[list[Profile], list[SidePositions | None], list[str]]:
+    """Lines with the length of the more reliable source, their usable side positions, and notes where two disagree.
+
+    A receiver is believed before a header where their difference is far beyond its noise: spacings are typed in by
+    hand. A receiver that stood still while the header's traces went on is not used.
+    """
+    lines, beside, notes = list(lines), list(beside), []
+    for i, (line, side) in enumerate(zip(lines, beside, strict=True)):
+        name, header_m = line.path.name, _header_m(line, 0, len(line.channels) - 1)
+        if length_m is not None and lengths_disagree(header_m, length_m):
+            notes.append(f"{name}: the header says {header_m:.2f} m, the given length is {length_m:.2f} m: it is used")
+        if side is None or side.kind != "degrees" or not side.numbered or side.path == line.path:
+            continue
+        own = side.trace < len(line.channels)
+        first, last = (int(side.trace[own][end]) for end in (0, -1))
+        header_m = _header_m(line, first, last)
+        quality = np.nan if side.quality is None else float(np.median(side.quality[own]))
+        sigma_m = _FIX_SIGMA_M.get(int(np.nan_to_num(quality)), 5.0)
+        receiver_m = path_length_m(side.y[own], side.x[own], 10.0 * sigma_m)
+        sure_m = _SURE_SIGMAS * sigma_m
+        if not lengths_disagree(header_m, receiver_m) or abs(receiver_m - header_m) < sure_m:
+            continue
+        if receiver_m < sure_m:
+            beside[i] = None
+            used = "the header is used, the receiver stood still"
+        else:
+            scale = receiver_m / header_m
+            lines[i] = replace(
+                line,
+                spacing_m=None if line.spacing_m is None else line.spacing_m * scale,
+                positions_m=None if line.positions_m is None else line.positions_m * scale,
+            )
+            used = f"the receiver is used, all spacings times {scale:.4g}"
+        traces = f"from trace {first} to {last}"
+        notes.append(f"{name}: {traces} the header says {header_m:.2f} m, {side.path.name} {receiver_m:.2f} m: {used}")
+    return lines, beside, notes
+
+
+def _header_m(line: Profile, first: int, last: int) -> float:
+    """Length between two traces by the header; 0 if it states none."""
+    if line.spacing_m is not None or line.positions_m is None:
+        return (line.spacing_m or 0.0) * (last - first)
+    return float(np.sum(np.abs(np.diff(line.positions_m[first : last + 1]))))
 
 
 def _channels(profile: Profile) -> list[Profile]:

@@ -14,10 +14,12 @@ from xml.etree import ElementTree
 
 import h5py
 import numpy as np
+import shapely
 from jaxtyping import Float, Float32, Int32, UInt8, UInt16, UInt32
 
 from lgprjax.coverage import Tool
 from lgprjax.errors import InputError
+from lgprjax.formats.geometries import DECIMALS, cut, geometry
 from lgprjax.formats.schema import load_schema
 from lgprjax.formats.store import (
     atomic_output,
@@ -289,7 +291,6 @@ def _number(store: h5py.File, name: str) -> float:
 
 _CRS = "EPSG:4326"
 _KML = "http://www.opengis.net/kml/2.2"
-_DECIMALS = 10
 
 
 class GeoLayer(NamedTuple):
@@ -439,7 +440,7 @@ def write_geojson(
     features = [
         {
             "type": "Feature",
-            "geometry": {"type": layer.kind, "coordinates": coordinates(shape)},
+            "geometry": geometry(shape),
             "properties": {"layer": layer.name, **properties},
         }
         for layer in layers
@@ -489,19 +490,6 @@ def write_kml(
         ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
 
 
-def coordinates(shape: Any) -> list[Any]:
-    """Coordinates of a point, a line or a polygon as GeoJSON nests them, rounded to a hundredth of a millimetre."""
-    if shape.geom_type == "Point":
-        return list(_places(shape)[0])
-    if shape.geom_type == "LineString":
-        return _places(shape)
-    return [_places(ring) for ring in (shape.exterior, *shape.interiors)]
-
-
-def _places(line: Any) -> list[list[float]]:
-    return [[round(x, _DECIMALS), round(y, _DECIMALS)] for x, y in line.coords]
-
-
 def _column(values: list[Any]) -> np.ndarray:
     """A column of a table: numbers as they are, those that are not known as NaN, anything else as text."""
     kinds = {type(value) for value in values}
@@ -520,13 +508,16 @@ def _placemark(layer: GeoLayer, shape: Any, properties: dict[str, Any]) -> Eleme
     for name, value in properties.items():
         if value is not None:
             ElementTree.SubElement(ElementTree.SubElement(extended, "Data", {"name": name}), "value").text = str(value)
-    drawn = ElementTree.SubElement(placemark, layer.kind)
-    if layer.kind != "Polygon":
-        ElementTree.SubElement(drawn, "coordinates").text = _tuples(shape)
-        return placemark
-    for boundary, ring in _rings(shape):
-        linear = ElementTree.SubElement(ElementTree.SubElement(drawn, boundary), "LinearRing")
-        ElementTree.SubElement(linear, "coordinates").text = _tuples(ring)
+    parts = shapely.get_parts(cut(shape))
+    parent = placemark if len(parts) == 1 else ElementTree.SubElement(placemark, "MultiGeometry")
+    for part in parts:
+        drawn = ElementTree.SubElement(parent, layer.kind)
+        if layer.kind != "Polygon":
+            ElementTree.SubElement(drawn, "coordinates").text = _tuples(part)
+            continue
+        for boundary, ring in _rings(part):
+            linear = ElementTree.SubElement(ElementTree.SubElement(drawn, boundary), "LinearRing")
+            ElementTree.SubElement(linear, "coordinates").text = _tuples(ring)
     return placemark
 
 
@@ -537,7 +528,7 @@ def _rings(polygon: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _tuples(line: Any) -> str:
-    return " ".join(f"{x:.{_DECIMALS}f},{y:.{_DECIMALS}f}" for x, y in line.coords)
+    return " ".join(f"{x:.{DECIMALS}f},{y:.{DECIMALS}f}" for x, y in line.coords)
 
 
 def _pyogrio(path: str | Path) -> Any:

@@ -1,5 +1,6 @@
-"""Routes of a subsurface database: one for each baseline, a stretch of it in either direction, as drivable legs."""
+"""Routes of a subsurface database, a drive log or waypoints: stretches in either direction, as drivable legs."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -9,34 +10,137 @@ from jaxtyping import Float
 from lgprjax.batch.vehicles import chassis_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
-from lgprjax.formats import MapFile, RouteFile, Waypoints, read_route, read_vehicle
-from lgprjax.frames import LocalFrame
+from lgprjax.formats import (
+    DriveLog,
+    MapFile,
+    RouteFile,
+    Waypoints,
+    WaypointTrack,
+    read_route,
+    read_vehicle,
+    read_waypoints,
+)
+from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.navigation import RoutePath, RouteSpeeds, RouteTrack, is_closed, legs_of_track, make_route_path
+from lgprjax.radar import centre_of
 from lgprjax.subsurface import SpatialIndex
 
 _LEAST_M = 2.0
 _NEAR_M = 20.0
+_JOIN_M, _JOIN_DEG = 10.0, 45.0
+_SPARSE_M, _WIDEST_M, _STEP_M = 1.0, 50.0, 0.25
 
 
 class Route(NamedTuple):
-    """A baseline as a route, in the map's local frame.
+    """A baseline or track as a route, in the local frame of its source.
 
     Attributes:
-        name: of its drive log; with its number if not unique.
+        name: of its drive log or track; with its number if not unique.
         track: of the array's centre, as recorded.
         at_m: metres along it at each point.
+        up_m: of the ground at each point; 0 where the source has no heights.
         closed: it ends where it began.
     """
 
     name: str
     track: RouteTrack
     at_m: Float[np.ndarray, " point"]
+    up_m: Float[np.ndarray, " point"]
     closed: bool
 
     @property
     def length_m(self) -> float:
-        """Metres along the stations."""
+        """Metres along the points."""
         return float(self.at_m[-1])
+
+
+class RouteSource(NamedTuple):
+    """A file with routes, their frame, and the routes."""
+
+    path: Path
+    frame: LocalFrame
+    routes: list[Route]
+
+
+def read_source(path: str | Path) -> RouteSource:
+    """The routes of a file.
+
+    Args:
+        path: a subsurface database (``.map.h5``), a drive log (``.drive.h5``), or waypoints for ``read_waypoints``,
+            which are taken for the array's centre. Waypoints more than a metre apart are joined by a smooth curve.
+
+    Raises:
+        InputError: the file cannot be read, or has gaps that no route can have.
+    """
+    file = Path(path)
+    if file.name.endswith(".drive.h5"):
+        return _source_of_drive(file)
+    if file.suffix == ".h5":
+        with MapFile.open(file) as source:
+            return RouteSource(file, source.description.frame, routes_of(source))
+    tracks = read_waypoints(file)
+    height_m = tracks[0].height_m[0]
+    first = (tracks[0].latitude_deg[0], tracks[0].longitude_deg[0], height_m if np.isfinite(height_m) else 0.0)
+    frame = LocalFrame(*(float(each) for each in first))
+    names = [track.name for track in tracks]
+    if len(set(names)) < len(names):
+        raise InputError(file, "tracks", "a name of its own for each", ", ".join(names))
+    return RouteSource(file, frame, [_route_of_waypoints(file, track, frame) for track in tracks])
+
+
+def _source_of_drive(file: Path) -> RouteSource:
+    with DriveLog.open(file) as log:
+        track, array = log.description.navigation, log.description.array
+    places = (track.latitude_deg, track.longitude_deg, track.height_m)
+    latitude, longitude, height = (np.asarray(each) for each in places)
+    frame = LocalFrame(float(latitude[0]), float(longitude[0]), float(height[0]))
+    east, north, up = frame.to_local(latitude, longitude, height)
+    yaw = frame.yaw_of_heading(np.asarray(track.heading_deg), longitude)
+    points = np.stack(body_to_local(east, north, yaw, *centre_of(array)), axis=1)
+    return RouteSource(file, frame, [_route(file.name.removesuffix(".drive.h5"), points, yaw, up)])
+
+
+def _route(
+    name: str,
+    points_m: Float[np.ndarray, "point 2"],
+    yaw_rad: Float[np.ndarray, " point"],
+    up_m: Float[np.ndarray, " point"],
+) -> Route:
+    at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))])
+    return Route(name, RouteTrack(name, points_m, yaw_rad), at, up_m, is_closed(points_m, yaw_rad))
+
+
+def _route_of_waypoints(file: Path, track: WaypointTrack, frame: LocalFrame) -> Route:
+    # Waypoints without heights have those of the frame's anchor; with heights they are still projected level: what a
+    # slope takes from a distance is below a centimetre.
+    level = np.full(len(track.latitude_deg), frame.height_m)
+    east, north, _ = frame.to_local(track.latitude_deg, track.longitude_deg, level)
+    points = np.stack([east, north], axis=1)
+    up = np.where(np.isfinite(track.height_m), track.height_m - frame.height_m, 0.0)
+    yaw, gears = frame.yaw_of_heading(track.heading_deg, track.longitude_deg), track.gear
+    moved = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 0.0)
+    steps = np.hypot(*np.diff(points[moved], axis=0).T)
+    if len(steps) < 1 or steps.max() > _WIDEST_M:
+        found = "all at one place" if len(steps) < 1 else f"{steps.max():.1f} m after waypoint {np.argmax(steps) + 1}"
+        raise InputError(file, f"{track.name}: waypoints", f"gaps of at most {_WIDEST_M:g} m", found)
+    if np.median(steps) > _SPARSE_M and np.ptp(gears) == 0:
+        points, up = _joined(points[moved], up[moved])
+        yaw, gears = np.full(len(points), np.nan), np.full(len(points), gears[0])
+    ahead = np.gradient(points, axis=0)
+    yaw = np.where(np.isfinite(yaw), yaw, np.arctan2(ahead[:, 1], ahead[:, 0])) + np.where(gears < 0, np.pi, 0.0)
+    return _route(track.name, points, yaw, up)
+
+
+def _joined(
+    points_m: Float[np.ndarray, "waypoint 2"], up_m: Float[np.ndarray, " waypoint"]
+) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
+    """Points every quarter of a metre on a curve of continuous curvature through waypoints; heights between them."""
+    from scipy.interpolate import CubicSpline  # takes a while to import, and few routes need it
+
+    at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))])
+    along = np.linspace(0.0, at[-1], max(round(at[-1] / _STEP_M), 1) + 1)
+    kind = "not-a-knot" if len(at) > 3 else "natural"
+    return np.asarray(CubicSpline(at, points_m, bc_type=kind)(along)), np.interp(along, at, up_m)
 
 
 def routes_of(source: MapFile) -> list[Route]:
@@ -48,23 +152,20 @@ def routes_of(source: MapFile) -> list[Route]:
         if len(pose) < 2:
             continue
         shown = name if names.count(name) == 1 else f"{name}#{number}"
-        points, yaw = pose[:, :2], pose[:, 3]
-        at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-        routes.append(Route(shown, RouteTrack(shown, points, yaw), at, is_closed(points, yaw)))
+        routes.append(_route(shown, pose[:, :2], pose[:, 3], source.ground_up_m[source.drive == number]))
     return routes
 
 
-def route_named(source: MapFile, name: str) -> Route:
+def route_named(source: RouteSource, name: str) -> Route:
     """The route of that name.
 
     Raises:
-        InputError: the map has no such route.
+        InputError: the file has no such route.
     """
-    routes = routes_of(source)
-    for route in routes:
+    for route in source.routes:
         if route.name == name:
             return route
-    raise InputError(source.path, "route", "one of " + ", ".join(each.name for each in routes), repr(name))
+    raise InputError(source.path, "route", "one of " + ", ".join(each.name for each in source.routes), repr(name))
 
 
 def stretch_of(
@@ -73,7 +174,7 @@ def stretch_of(
     """Track of a stretch in the order of driving.
 
     Args:
-        route: of the map.
+        route: of a source.
         from_m, to_m: along it as recorded.
         direction: as recorded, or reversed.
         file: for errors.
@@ -91,39 +192,53 @@ def stretch_of(
     return track.reversed() if direction == "against" else track
 
 
-def lay_route(chosen: RouteFile, source: MapFile, *, file: str | Path) -> RoutePath:
-    """The legs of a chosen route, for the anchor of its vehicle, in the map's local frame.
+def lay_route(
+    chosen: RouteFile, source: RouteSource, *, file: str | Path, frame: LocalFrame | None = None
+) -> RoutePath:
+    """The legs of a chosen route, for the anchor of its vehicle.
 
     Args:
         chosen: from ``read_route``, or about to be written.
-        source: its map.
+        source: its file.
         file: the route file, for errors.
+        frame: of the result; by default that of the source.
 
     Raises:
         InputError: no such route or stretch, a gap in it, or a bend that the vehicle cannot drive.
     """
     route = route_named(source, chosen.route)
     track = stretch_of(route, chosen.from_m, chosen.to_m, chosen.direction, file=file)
+    if frame is not None and frame != source.frame:
+        track = _moved(track, source.frame, frame)
     legs, gears = legs_of_track(track)
     chassis = None if chosen.vehicle is None else chassis_of(read_vehicle(chosen.vehicle), chosen.vehicle)
     speeds = RouteSpeeds(chosen.cruise_mps, chosen.lateral_mps2)
     return make_route_path(legs, gears, chassis, speeds, name=f"{file}: {route.name}")
 
 
-def open_route(path: str | Path) -> tuple[RouteFile, RoutePath, LocalFrame]:
-    """Open a route file: its legs, and their frame.
+def _moved(track: RouteTrack, source: LocalFrame, frame: LocalFrame) -> RouteTrack:
+    """A track in another frame, both level at the height of their anchors."""
+    east, north = track.points_m.T
+    latitude, longitude, _ = source.to_geodetic(east, north, np.zeros(len(east)))
+    x, y, _ = frame.to_local(latitude, longitude, np.full(len(east), frame.height_m))
+    yaw = frame.yaw_of_heading(source.heading_of_yaw(track.yaw_rad, longitude), longitude)
+    return RouteTrack(track.name, np.stack([x, y], axis=1), yaw)
+
+
+def open_route(path: str | Path) -> tuple[RouteFile, RoutePath, RouteSource]:
+    """Open a route file: its legs in the frame of their source, and the source.
 
     Raises:
-        InputError: the file or its map is unusable, or the map is not the one that the route was chosen from.
+        InputError: the file or its source is unusable, or the source is not the one that the route was chosen from.
     """
     chosen = read_route(path)
     require_map(chosen, path)
-    with MapFile.open(chosen.map) as source:
-        return chosen, lay_route(chosen, source, file=path), source.description.frame
+    source = read_source(chosen.map)
+    return chosen, lay_route(chosen, source, file=path), source
 
 
 def require_map(chosen: RouteFile, path: str | Path) -> None:
-    """Refuse a map that has changed since the route was chosen from it.
+    """Refuse a map or other source that has changed since the route was chosen from it.
 
     Raises:
         InputError: it has, or is not there.
@@ -136,14 +251,15 @@ def require_map(chosen: RouteFile, path: str | Path) -> None:
         raise InputError(path, "map_sha256", expected, f"{digest[:12]}...")
 
 
-def waypoints_of(laid: RoutePath, source: MapFile) -> Waypoints:
-    """The rows of a laid route as waypoints, every quarter of a metre; heights are those of the nearest station.
+def waypoints_of(laid: RoutePath, source: RouteSource) -> Waypoints:
+    """The rows of a laid route as waypoints, every quarter of a metre; heights are those of the nearest point.
 
     Args:
         laid: from ``lay_route``.
-        source: its map.
+        source: its file.
     """
-    frame, index = source.description.frame, SpatialIndex(source.pose[:, :2], 8.0)
+    frame, index = source.frame, SpatialIndex(np.concatenate([each.track.points_m for each in source.routes]), 8.0)
+    up_m = np.concatenate([each.up_m for each in source.routes])
     parts = []
     for leg in range(int(laid.leg_count)):
         spacing_m = float(laid.legs.spacing_m[leg])
@@ -152,7 +268,7 @@ def waypoints_of(laid: RoutePath, source: MapFile) -> Waypoints:
         # The last row begins the straight continuation: the curvature there is that of the previous arc.
         curvature = np.append(rows[:-1, 4], rows[-2, 4])
         near = [index.nearest(point, _NEAR_M) for point in rows[:, :2]]
-        up = np.array([0.0 if each is None else source.ground_up_m[each] for each in near])
+        up = np.array([0.0 if each is None else up_m[each] for each in near])
         latitude, longitude, height = frame.to_geodetic(rows[:, 0], rows[:, 1], up)
         heading = frame.heading_of_yaw(np.arctan2(rows[:, 3], rows[:, 2]), longitude)
         number, gear = np.full(count, leg), np.full(count, int(laid.gear[leg]))
@@ -160,6 +276,34 @@ def waypoints_of(laid: RoutePath, source: MapFile) -> Waypoints:
         arc = np.arange(count) * spacing_m
         parts.append((number, gear, arc, latitude, longitude, height, heading, curvature, speed))
     return Waypoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def joined_waypoints(parts: Sequence[tuple[str | Path, Waypoints]]) -> Waypoints:
+    """Waypoints of several routes as those of one, in their order.
+
+    Args:
+        parts: file, for errors, and waypoints of each.
+
+    Raises:
+        InputError: a route begins more than 10 m from the end of the one before, or faces elsewhere by more than 45°.
+    """
+    legs, columns = 0, list[Waypoints]()
+    for number, (file, points) in enumerate(parts):
+        if number:
+            before, last = parts[number - 1]
+            here = LocalFrame(float(points.latitude_deg[0]), float(points.longitude_deg[0]), 0.0)
+            east, north, _ = here.to_local(last.latitude_deg[-1:], last.longitude_deg[-1:], np.zeros(1))
+            away_m = float(np.hypot(east, north)[0])
+            turned = points.heading_deg[0] - last.heading_deg[-1] + (180.0 if points.gear[0] != last.gear[-1] else 0.0)
+            turned = abs((turned + 180.0) % 360.0 - 180.0)
+            if away_m > _JOIN_M or turned > _JOIN_DEG:
+                expected = f"within {_JOIN_M:g} m and {_JOIN_DEG:g}° of the end of {before}"
+                raise InputError(file, "start", expected, f"{away_m:.1f} m and {turned:.0f}°")
+            # In one gear the drive goes on: the joint is no end of a leg.
+            legs += int(points.gear[0] != last.gear[-1])
+        columns.append(points._replace(leg=points.leg + legs))
+        legs += int(points.leg[-1])
+    return Waypoints(*(np.concatenate(each) for each in zip(*columns, strict=True)))
 
 
 def _names(source: MapFile) -> list[str]:

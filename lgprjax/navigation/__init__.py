@@ -45,6 +45,7 @@ from lgprjax.navigation.counter_steer_model import (
 )
 from lgprjax.navigation.health import (
     OF_GNSS,
+    OF_LGPR,
     STOPPING,
     Health,
     HealthRules,
@@ -131,6 +132,7 @@ from lgprjax.navigation.skid_smoother import SmoothedDrive, contradicted_m, smoo
 
 __all__ = [
     "OF_GNSS",
+    "OF_LGPR",
     "SKID_STATES",
     "SOURCES",
     "STATES",

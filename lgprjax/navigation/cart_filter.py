@@ -9,7 +9,8 @@
 
 The heading is the course, so it is known only while the cart surely moves forward. Fixes cannot tell a cart that is
 turned on the spot, nor one that is pushed backwards: as soon as it may stand the heading is given up, and started anew
-on the next straight way. A record is made afterwards, from both ends of each way (``smooth_cart``).
+on the next straight way. A record is made afterwards, from both ends of each way (``smooth_cart``); live, some seconds
+late (``cart_live``).
 """
 
 from typing import NamedTuple
@@ -359,7 +360,7 @@ def _one_way(model: CartModel, rules: GateRules, step_s: Float[Array, ""], fixes
     _, (before, filtered, info) = jax.lax.scan(forward, start, fixes)
 
     def back(later: CartEstimate, tick: tuple[CartEstimate, Array]) -> tuple[CartEstimate, CartEstimate]:
-        smoothed = _step_back(model, later, tick[0], step_s, tick[1])
+        smoothed = step_back_cart(model, later, tick[0], step_s, tick[1])
         return smoothed, smoothed
 
     last = jax.tree.map(lambda leaf: leaf[-1], filtered)
@@ -422,10 +423,18 @@ def _predict(model: CartModel, estimate: CartEstimate, step_s: Float[Array, ""])
     return CartEstimate(jnp.where(_IS_YAW, wrap_yaw(moved), moved), covariance)
 
 
-def _step_back(
+def step_back_cart(
     model: CartModel, later: CartEstimate, before: CartEstimate, step_s: Float[Array, ""], broken: Bool[Array, ""]
 ) -> CartEstimate:
-    """The smoothed estimate a tick before ``later``."""
+    """The smoothed estimate a tick before ``later``; across a broken tick that is ``before`` itself.
+
+    Args:
+        model: of the filter.
+        later: smoothed, at the tick's end.
+        before: filtered, at its start.
+        step_s: its length.
+        broken: see ``CartInfo``.
+    """
     transition = jax.jacfwd(lambda states: _moved(model, states, step_s))(before.mean)
     noise = _noise(model, before.mean, step_s)
     forward = transition @ before.covariance

@@ -5,6 +5,7 @@ on. A stop is requested as long as its reason lasts: the mode machine ensures th
 itself.
 """
 
+import math
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
@@ -27,18 +28,21 @@ class HealthRules(NamedTuple):
         lost_s: without an accepted observation for longer, a source does not bound the error.
         rejects: consecutive rejections after which a source is reported.
         coarse_m: standard deviation, larger axis, above which GNSS is coarse.
+        consistent_nis: mean normalised innovation squared of GNSS, over some 20 positions, above which its errors are
+            larger than it states; 2 is expected.
         stuck_m: distance driven with an unchanged GNSS position.
         risk: probability of a false match up to which a scan is evidence of the map's ground; that of a fix.
         faded_share: share of the scans of ``fading_s`` without such evidence above which the ground has faded.
         fading_s: length of that sliding share.
         conflict_stop_s: a conflict between GNSS and LGPR that lasts longer requests a stop.
-        degrade_cross_m, stop_cross_m: cross-track standard deviation that degrades, and that stops.
+        free_cross_m, slow_cross_m, stop_cross_m: cross-track standard deviation above which the speed is capped, at
+            which the cap is ``degraded_mps``, and that stops.
         stop_speed_mps: standard deviation of the speed above which it is unknown.
         degrade_frame_m, stop_frame_m: remaining motion of the slewed path.
         longest_step_s: longest valid tick.
         least_fixes: accepted fixes within ``fading_s`` that a lock needs.
-        hold_s: time for which a reason is reported after it last held, and for which LGPR must have bounded the error
-            before it stands in for GNSS, so that the speed cap does not flicker.
+        hold_s: time for which a reason is reported after it last held, and for which a source must have bounded the
+            error before faults of the other one cost no speed, so that the speed cap does not flicker.
         degraded_mps: speed cap while degraded.
     """
 
@@ -46,12 +50,14 @@ class HealthRules(NamedTuple):
     lost_s: Float[Array, "4"]
     rejects: Int32[Array, "4"]
     coarse_m: Float[Array, ""]
+    consistent_nis: Float[Array, ""]
     stuck_m: Float[Array, ""]
     risk: Float[Array, ""]
     faded_share: Float[Array, ""]
     fading_s: Float[Array, ""]
     conflict_stop_s: Float[Array, ""]
-    degrade_cross_m: Float[Array, ""]
+    free_cross_m: Float[Array, ""]
+    slow_cross_m: Float[Array, ""]
     stop_cross_m: Float[Array, ""]
     stop_speed_mps: Float[Array, ""]
     degrade_frame_m: Float[Array, ""]
@@ -79,17 +85,22 @@ def health_rules(
     gnss, lgpr = 1.5 * gnss_period_s, 3.0 * lgpr_period_s
     heading, odometer = max(0.2, 1.5 * heading_period_s), max(0.5, 1.5 * odometer_period_s)
     one = jnp.float32
+    lost = (max(0.5, 2.5 * gnss_period_s), heading, odometer, max(0.5, lgpr))
     return HealthRules(
         silent_s=jnp.asarray([gnss, heading, odometer, lgpr], jnp.float32),
-        lost_s=jnp.asarray([max(0.5, 2.5 * gnss_period_s), heading, odometer, max(0.5, lgpr)], jnp.float32),
+        # A source that the vehicle lacks is not silent, and bounds nothing.
+        lost_s=jnp.asarray([0.5 if math.isinf(each) else each for each in lost], jnp.float32),
         rejects=jnp.asarray([1, 2, 3, 2], jnp.int32),
         coarse_m=one(0.1),
+        # Errors of 1.7 times what is stated.
+        consistent_nis=one(6.0),
         stuck_m=one(0.5),
         risk=one(risk),
         faded_share=one(0.5),
         fading_s=one(2.0),
         conflict_stop_s=one(10.0),
-        degrade_cross_m=one(0.15),
+        free_cross_m=one(0.1),
+        slow_cross_m=one(0.15),
         stop_cross_m=one(0.25),
         stop_speed_mps=one(0.5),
         degrade_frame_m=one(0.3),
@@ -143,7 +154,7 @@ class Reason(IntFlag):
     FRAME_BEHIND = 32768
     """The path in the local frame has not yet reached its target."""
     UNCERTAIN = 65536
-    """The filter's cross-track sigma is large."""
+    """The filter's cross-track sigma is large: the speed follows it."""
     POSITION_LOST = 131072
     """Neither GNSS nor LGPR: dead reckoning. Requests a stop."""
     HEADING_LOST = 262144
@@ -156,6 +167,8 @@ class Reason(IntFlag):
     """The path is too far from its target. Requests a stop."""
     TOO_UNCERTAIN = 4194304
     """The cross-track error exceeds the budget. Requests a stop."""
+    GNSS_INCONSISTENT = 8388608
+    """Positions scatter more than the receiver states."""
 
 
 STOPPING = (
@@ -168,8 +181,10 @@ STOPPING = (
     | Reason.TOO_UNCERTAIN
 )
 """Reasons that request a stop; the others degrade."""
-OF_GNSS = Reason.GNSS_SILENT | Reason.GNSS_STUCK | Reason.GNSS_COARSE | Reason.GNSS_REJECTED
+OF_GNSS = Reason.GNSS_SILENT | Reason.GNSS_STUCK | Reason.GNSS_COARSE | Reason.GNSS_REJECTED | Reason.GNSS_INCONSISTENT
 """Faults of GNSS: they degrade only while LGPR does not bound the error."""
+OF_LGPR = Reason.LGPR_SILENT | Reason.LGPR_REJECTED | Reason.LGPR_FADED
+"""Faults of LGPR: they degrade only while GNSS does not bound the error."""
 
 
 __all__ = [
@@ -198,7 +213,8 @@ class HealthState(NamedTuple):
         bin_s: since the newest tenth began.
         fix_way_m: driven since the last fix that counts among ``fixes``.
         held_s: remaining time for which each reason, in the order of its bits, is reported.
-        bounded_s: for how long LGPR has bounded the error.
+        gnss_nis: mean normalised innovation squared of GNSS, over some 20 positions.
+        bounded_s: for how long GNSS and LGPR have each bounded the error.
     """
 
     gnss_x_m: Float[Array, ""]
@@ -210,8 +226,9 @@ class HealthState(NamedTuple):
     fixes: Float[Array, "10"]
     bin_s: Float[Array, ""]
     fix_way_m: Float[Array, ""]
-    held_s: Float[Array, "23"]
-    bounded_s: Float[Array, ""]
+    held_s: Float[Array, "24"]
+    gnss_nis: Float[Array, ""]
+    bounded_s: Float[Array, "2"]
 
 
 class Health(NamedTuple):
@@ -220,23 +237,25 @@ class Health(NamedTuple):
     Attributes:
         reaction: a ``Reaction``.
         reasons: bits of ``Reason``.
-        speed_cap_mps: infinite, the degraded speed, or 0 for a stop.
+        speed_cap_mps: infinite, by the cross-track sigma, the degraded speed, or 0 for a stop.
         bounded: LGPR alone bounds the error, and has done so for a while: a vehicle may be engaged and driven by it.
+        gnss_bounded: GNSS alone does.
     """
 
     reaction: Int32[Array, ""]
     reasons: Int32[Array, ""]
     speed_cap_mps: Float[Array, ""]
     bounded: Bool[Array, ""]
+    gnss_bounded: Bool[Array, ""]
 
 
 def init_health() -> HealthState:
     """Before the first tick."""
     zero, bins = jnp.float32(0.0), jnp.zeros(_BINS, jnp.float32)
     unknown = jnp.float32(jnp.nan)
-    return HealthState(
-        unknown, unknown, zero, zero, bins, bins, bins, zero, zero, jnp.zeros(len(Reason), jnp.float32), zero
-    )
+    held_s, neither_s = jnp.zeros(len(Reason), jnp.float32), jnp.zeros(2, jnp.float32)
+    expected = jnp.float32(_EXPECTED_NIS)
+    return HealthState(unknown, unknown, zero, zero, bins, bins, bins, zero, zero, held_s, expected, neither_s)
 
 
 def step_health(
@@ -270,40 +289,45 @@ def step_health(
     bits = jnp.asarray([reason.value for reason in Reason], jnp.int32)
     reasons = jnp.sum(jnp.where(reported, bits, 0), dtype=jnp.int32)
     bounded_s = jnp.where(_bounds(rules, state, filter_state, reported), state.bounded_s + passed_s, 0.0)
-    bounded = bounded_s >= rules.hold_s
+    by_gnss, by_lgpr = bounded_s >= rules.hold_s
+    excused = jnp.where(by_lgpr, OF_GNSS.value, 0) | jnp.where(by_gnss, OF_LGPR.value, 0)
+    slows = reasons & ~excused
     stops = (reasons & jnp.int32(STOPPING.value)) != 0
-    degrades = (reasons & jnp.where(bounded, ~jnp.int32(OF_GNSS.value), ~jnp.int32(0))) != 0
-    reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(degrades, Reaction.DEGRADE.value, 0))
-    cap = jnp.where(stops, 0.0, jnp.where(degrades, rules.degraded_mps, jnp.inf)).astype(jnp.float32)
+    reaction = jnp.where(stops, Reaction.STOP.value, jnp.where(slows != 0, Reaction.DEGRADE.value, 0))
+    faulty = (slows & ~jnp.int32(Reason.UNCERTAIN.value)) != 0
+    cap = jnp.minimum(jnp.where(faulty, rules.degraded_mps, jnp.inf), _cap_mps(rules, filter_state))
+    cap = jnp.where(stops, 0.0, cap).astype(jnp.float32)
     state = state._replace(held_s=held_s, bounded_s=bounded_s)
-    return state, Health(reaction.astype(jnp.int32), reasons, cap, bounded)
+    return state, Health(reaction.astype(jnp.int32), reasons, cap, by_lgpr, by_gnss)
+
+
+def _cap_mps(rules: HealthRules, filter_state: FilterState) -> Float[Array, ""]:
+    """Speed cap by the cross-track sigma, whichever source bounds it: none up to ``free_cross_m``; beyond, inversely
+    proportional to the excess, through ``degraded_mps`` at ``slow_cross_m``.
+    """
+    _, cross_m = position_sigma_m(filter_state.estimate)
+    excess_m = cross_m - rules.free_cross_m
+    by_excess = rules.degraded_mps * (rules.slow_cross_m - rules.free_cross_m) / jnp.maximum(excess_m, 1e-6)
+    return jnp.where(excess_m > 0.0, by_excess, jnp.inf)
 
 
 _MOVING_MPS = 0.1
 _OWN_WAY_M = 0.03
 """Way from one fix to the next that is an observation of its own."""
 
-_UNLOCKS = (
-    Reason.NON_FINITE
-    | Reason.BAD_STEP
-    | Reason.LGPR_SILENT
-    | Reason.LGPR_REJECTED
-    | Reason.LGPR_FADED
-    | Reason.CONFLICT
-    | Reason.REACQUIRED
-    | Reason.UNCERTAIN
-    | Reason.TOO_UNCERTAIN
-)
-"""Reasons for which LGPR does not bound the error."""
+_EXPECTED_NIS, _NIS_SHARE, _LARGEST_NIS = 2.0, 0.05, 20.0
+_AGAINST_BOTH = Reason.NON_FINITE | Reason.BAD_STEP | Reason.CONFLICT | Reason.REACQUIRED | Reason.TOO_UNCERTAIN
+"""Reasons for which neither source bounds the error."""
 
 
 def _bounds(
-    rules: HealthRules, state: HealthState, filter_state: FilterState, reported: Bool[Array, "23"]
-) -> Bool[Array, ""]:
-    """Whether LGPR bounds the error now: enough accepted fixes, a small sigma, nothing against it."""
-    against = jnp.asarray([reason in _UNLOCKS for reason in Reason])
-    lost = filter_state.gates.since_accepted_s[LGPR] > rules.lost_s[LGPR]
-    return ~(reported & against).any() & ~lost & (state.fixes.sum() >= rules.least_fixes)
+    rules: HealthRules, state: HealthState, filter_state: FilterState, reported: Bool[Array, "24"]
+) -> Bool[Array, "2"]:
+    """Whether GNSS and LGPR each bound the error now: accepted lately and nothing against it; enough fixes of LGPR."""
+    against = jnp.asarray([[bool(reason & (_AGAINST_BOTH | own)) for reason in Reason] for own in (OF_GNSS, OF_LGPR)])
+    lost = filter_state.gates.since_accepted_s > rules.lost_s
+    enough = jnp.stack([jnp.asarray(True), state.fixes.sum() >= rules.least_fixes])
+    return ~(reported[None] & against).any(axis=1) & ~jnp.stack([lost[GNSS], lost[LGPR]]) & enough
 
 
 def _listened(
@@ -315,7 +339,7 @@ def _listened(
     lgpr_p_false: Float[Array, ""],
     passed_s: Float[Array, ""],
 ) -> HealthState:
-    """The unchanged position and the sliding share, updated to this tick."""
+    """The unchanged position, its scatter and the sliding share, updated to this tick."""
     gnss = observations.gnss
     changed = filter_info.offered[GNSS] & ((gnss.x_m != state.gnss_x_m) | (gnss.y_m != state.gnss_y_m))
     # A silent receiver is not stuck: it has its own rule.
@@ -339,6 +363,12 @@ def _listened(
         scans=_pushed(state.scans, jnp.where(matched, 1.0, 0.0), full),
         fixes=_pushed(state.fixes, own.astype(jnp.float32), full & moving),
         fix_way_m=jnp.where(own, 0.0, way_m),
+        # One jump is no scatter: it has its own rule.
+        gnss_nis=jnp.where(
+            filter_info.offered[GNSS],
+            state.gnss_nis + _NIS_SHARE * (jnp.clip(filter_info.nis[GNSS], 0.0, _LARGEST_NIS) - state.gnss_nis),
+            state.gnss_nis,
+        ),
         bin_s=jnp.where(full, 0.0, state.bin_s + passed_s),
     )
 
@@ -351,7 +381,7 @@ def _seen(
     observations: Observations,
     frame_left_m: Float[Array, ""],
     sound_step: Bool[Array, ""],
-) -> Bool[Array, "23"]:
+) -> Bool[Array, "24"]:
     """Reasons of this tick, in the order of their bits."""
     estimate, gates = filter_state.estimate, filter_state.gates
     _, cross_m = position_sigma_m(estimate)
@@ -387,13 +417,14 @@ def _seen(
         Reason.REACQUIRED: filter_info.reacquired.any(),
         # What is no number is within no limit.
         Reason.FRAME_BEHIND: ~(frame_left_m <= rules.degrade_frame_m),
-        Reason.UNCERTAIN: ~(cross_m <= rules.degrade_cross_m),
+        Reason.UNCERTAIN: ~(cross_m <= rules.free_cross_m),
         Reason.POSITION_LOST: lost[GNSS] & lost[LGPR],
         Reason.HEADING_LOST: no_heading & lost[LGPR],
         Reason.SPEED_LOST: speed_variance > rules.stop_speed_mps * rules.stop_speed_mps,
         Reason.CONFLICT_LASTS: conflict_s > rules.conflict_stop_s,
         Reason.FRAME_FAR: ~(frame_left_m <= rules.stop_frame_m),
         Reason.TOO_UNCERTAIN: ~(cross_m <= rules.stop_cross_m),
+        Reason.GNSS_INCONSISTENT: state.gnss_nis > rules.consistent_nis,
     }
     return jnp.stack([seen[reason] for reason in Reason])
 

@@ -63,6 +63,7 @@ class Chance(NamedTuple):
         own: fitted to this map; else pooled over many grounds.
         sigma_scale: what a match's sigmas are multiplied by to be those of its errors on this map.
         left_out: pieces of left-out baselines that the scale was fitted to; 0 where it is pooled.
+        label_scatter_m: error of a baseline's labels, an axis, found by leaving baselines out; 0 with fewer than three.
     """
 
     start: Float[np.ndarray, " window"]
@@ -73,6 +74,7 @@ class Chance(NamedTuple):
     own: bool
     sigma_scale: float = _POOLED_SIGMA
     left_out: int = 0
+    label_scatter_m: float = 0.0
 
     def for_windows(self, windows_m: tuple[float, ...], wavelength_m: float) -> "Chance":
         """The chance for other lengths: each takes that of the next shorter one of the ladder, whose tail is longer."""

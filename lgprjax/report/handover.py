@@ -127,7 +127,7 @@ def _metadata(path: Path, record: WorkedRecord, organisation: str) -> dict[str, 
         "datum": "WGS 84",
         "record": path.name,
         "record_sha256": file_hash(path),
-        "plan_sha256": str(record.provenance["plan"]["sha256"]),
+        "plan_sha256": ", ".join(str(plan["sha256"]) for plan in _plans(record)[:1]) or "none",
         "note": "A machine pass is not clearance. Processed ground consists of the cells at the given level only.",
     }
 
@@ -252,11 +252,16 @@ def _centimetres(depth_m: float | None) -> str:
     return "none" if depth_m is None else f"{100.0 * depth_m:.1f} cm"
 
 
+def _plans(record: WorkedRecord) -> list[dict[str, Any]]:
+    """Plans that runs were driven by; of ground worked without one none."""
+    first = record.provenance["plan"]
+    return [*([first] if first else []), *record.provenance["other_plans"]]
+
+
 def _hashes(source: Path, record: WorkedRecord) -> tuple[tuple[str, str], ...]:
-    plans: list[dict[str, Any]] = [record.provenance["plan"], *record.provenance["other_plans"]]
     return (
         (source.name, file_hash(source)),
-        *((str(plan["file"]), str(plan["sha256"])) for plan in plans),
+        *((str(plan["file"]), str(plan["sha256"])) for plan in _plans(record)),
         *(
             (f"{run['folder']}/{segment['file']}", str(segment["sha256"]))
             for run in record.provenance["runs"]

@@ -226,7 +226,7 @@ class Decline(NamedTuple):
 
 
 _PLACE_ASSUMED = (
-    "The geographic position of the drive or the map is unknown: import it again with --latitude-deg, "
+    "The geographic position of the drive or the map is unknown: import it again with lgprjax import --latitude-deg, "
     "--longitude-deg "
     "and --heading-deg"
 )

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from lgprjax.batch import poses_of, recording_of
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import DriveLog, MapFile, Profile, TraceRecording, found_time_zero, read_profile, read_segy
+from lgprjax.formats.profile import check_channel
 from lgprjax.formats.surveys import READERS
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.radar import WAVE_SPEED_M_PER_NS, Radargram, centre_of, clear_view
@@ -35,23 +36,31 @@ def view_of_profile(
     segy = path.suffix.lower() in (".sgy", ".segy")
     if sample_interval_ns is not None and not segy:
         raise InputError(path, "file name", "SEG-Y (the only format with --sample-interval-ns)", repr(path.name))
-    profile = read_segy(path, sample_interval_ns=sample_interval_ns) if segy else read_profile(path)
+    profile = (
+        read_segy(path, sample_interval_ns=sample_interval_ns)
+        if sample_interval_ns is not None
+        else read_profile(path, channel=channel)
+    )
     count = profile.channels.shape[1]
-    shown = _shown(path, count, channel)
+    shown = _shown(path, count, None)
     header_ns, (zero_ns, zero_from) = profile.time_zero_ns, found_time_zero(profile)
     if not raw:
         profile = replace(profile, time_zero_ns=zero_ns)
     radargrams = tuple(radargram_of(profile, each) for each in shown)
+    if channel is not None:
+        radargrams = tuple(replace(each, name=f"channel {channel}") for each in radargrams)
     first = radargrams[0]
     placed = profile.spacing_m is not None or profile.positions_m is not None
     why = "The line does not move" if placed else "The file holds no distance"
     notes = [] if first.in_metres else [f"{why}: traces are counted."]
+    notes += [f"{note}." for note in profile.notes]
     if len(first.along) < _NEARLY_ALL * len(profile.channels):
         notes.append(f"{len(first.along)} of {len(profile.channels)} traces are drawn.")
     if zero_from != "header" and not raw:
         notes.append(f"Time zero: the {zero_from} of the direct wave, {zero_ns - header_ns:.1f} ns after the header's.")
     return LineView(
-        title=_title(path.name, len(profile.channels), first) + _of_channels(shown, count),
+        title=_title(path.name, len(profile.channels), first)
+        + (_of_channels(shown, count) if channel is None else f"; channel {channel}"),
         radargrams=tuple(map(clear_view, radargrams)) if not raw else radargrams,
         plan=_plan_of_profile(profile),
         wave_speed_m_per_ns=WAVE_SPEED_M_PER_NS if speed_m_per_ns is None else speed_m_per_ns,
@@ -172,8 +181,7 @@ def _shown(path: Path, count: int, channel: int | None) -> tuple[int, ...]:
     """The requested channel; else all of a few, or the middle one of many."""
     if channel is None:
         return tuple(range(count)) if count <= _MOST_PANELS else (count // 2,)
-    if not 0 <= channel < count:
-        raise InputError(path, "--channel", f"0 to {count - 1}", str(channel))
+    check_channel(path, channel, count)
     return (channel,)
 
 

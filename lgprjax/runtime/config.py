@@ -55,6 +55,7 @@ class RadarTable(ConfigTable):
         scan_period_us: from scan to scan; 0: as planned.
         calibrate, look_up: request it before the start, with the array over the ground and pointed at empty space,
             respectively.
+        calibration: X.radar.h5, in place of the look-up that the radar records itself.
         channel_pitch_m, centre_frequency_mhz: of the array; in mode record, where no map states them.
     """
 
@@ -62,8 +63,15 @@ class RadarTable(ConfigTable):
     scan_period_us: int = Field(default=0, ge=0, le=1_000_000)
     calibrate: bool = False
     look_up: bool = False
+    calibration: str | None = None
     channel_pitch_m: float | None = Field(default=None, gt=0.0, le=5.0)
     centre_frequency_mhz: float | None = Field(default=None, ge=1.0, le=10_000.0)
+
+    @model_validator(mode="after")
+    def _one_lookup(self) -> "RadarTable":
+        if self.look_up and self.calibration is not None:
+            raise BrokenRuleError("look_up", "false: calibration has the look-up", "true")
+        return self
 
 
 class RegistrationTable(ConfigTable):
@@ -103,9 +111,18 @@ class SensorsTable(ConfigTable):
 
 
 class ControlTable(ConfigTable):
-    """The control loop. ``fusion`` selects the source of the pose used for control."""
+    """The control loop.
+
+    Attributes:
+        fusion: source of the pose used for control.
+        cross_sigmas_m: standard deviations of the position across the route: above the first the speed is capped, at
+            the second the cap is ``slow_mps``, above the third the vehicle stops.
+        slow_mps: speed cap of a counter-steered vehicle with a fault that it drives on with.
+    """
 
     fusion: Literal["filter", "switch"] = "filter"
+    cross_sigmas_m: list[float] = Field(default=[0.10, 0.15, 0.25], min_length=3, max_length=3)
+    slow_mps: float = Field(default=2.0, gt=0.0, le=30.0)
     core: int | None = None
     realtime_priority: int | None = Field(default=None, ge=1, le=99)
     collect_garbage: Literal["never", "between"] = "between"
@@ -113,12 +130,20 @@ class ControlTable(ConfigTable):
     fastest_engage_mps: float = Field(default=4.5, gt=0.0, le=30.0)
     override_torque_nm: float = Field(default=4.0, gt=0.0, le=50.0)
 
+    @model_validator(mode="after")
+    def _sigmas_rise(self) -> "ControlTable":
+        free_m, slow_m, stop_m = self.cross_sigmas_m
+        if not 0.0 < free_m < slow_m < stop_m <= 1.0:
+            raise BrokenRuleError("cross_sigmas_m", "three rising numbers above 0, at most 1", str(self.cross_sigmas_m))
+        return self
+
 
 class CoverageTable(ConfigTable):
     """A field that a skid-steer vehicle works.
 
     Attributes:
-        plan: X.cover.geojson; without one the vehicle does not drive, but corners can be marked.
+        plan: X.cover.geojson; without one the vehicle does not drive, what is worked by remote control is recorded, and
+            corners can be marked.
         speed_mps: set speed that the buttons plus and minus lock.
         guidance: control law along the plan.
         spare_m: extra room of the fence beyond the plan's, for stopping, uncertainty and tracking.
@@ -191,6 +216,7 @@ class SimulationTable(ConfigTable):
         length_m, weather, scan_share: of a course.
         recording, gain_drift: of its radar: finished traces or stepped-frequency sweeps, and the change of the
             receiver's gain over 20 minutes, half of it in the first 4.
+        in_view: of a radar of sweeps: the ground; nothing, or a metal plate, to calibrate it.
         gnss_slow_m: sigma of the slow error of positions on a course, an axis; 0: of RTK with a base nearby.
         vehicle: numbers of the vehicle on a course that differ from those of ``scene.TrueVehicle``.
         field: X.geojson from which a missing plan is made; of a field.
@@ -206,6 +232,7 @@ class SimulationTable(ConfigTable):
     drive_seed: int = 102
     recording: Literal["traces", "sweeps"] = "traces"
     gain_drift: float = Field(default=0.05, ge=-0.9, le=10.0)
+    in_view: Literal["ground", "empty", "plate"] = "ground"
     gnss_slow_m: float = Field(default=0.3, ge=0.0, le=10.0)
     vehicle: dict[str, Any] = Field(default_factory=dict)
     field: str | None = None
@@ -214,6 +241,12 @@ class SimulationTable(ConfigTable):
     turning_room_m: float | None = Field(default=None, ge=0.0)
     script: list[dict[str, Any]] = Field(default_factory=list)
     faults: list[dict[str, Any]] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _sweeps_in_view(self) -> "SimulationTable":
+        if self.in_view != "ground" and self.recording != "sweeps":
+            raise BrokenRuleError("in_view", 'ground, or recording = "sweeps"', self.in_view)
+        return self
 
 
 class CalibrationTable(ConfigTable):
@@ -241,8 +274,9 @@ class RuntimeConfig(ConfigTable):
 
     Attributes:
         file: its path.
-        mode: drive: by a map and its routes, or in a field; record: radar, positions and odometry, without commands;
-            calibrate: a manoeuvre of ``[calibration]``.
+        mode: drive: along routes, with map and radar or by GNSS/INS alone, or in a field; record: radar, positions and
+            odometry, without commands, or with ``coverage`` a hand cart with a GNSS receiver alone; calibrate: a
+            manoeuvre of ``[calibration]``.
         vehicle: vehicle file; may be missing, or unfinished, in mode record.
     """
 
@@ -275,7 +309,7 @@ class RuntimeConfig(ConfigTable):
 
     @model_validator(mode="after")
     def _one_work(self) -> "RuntimeConfig":
-        """A recording, a map with routes of it, which needs the radar, or a field."""
+        """A recording, routes, or a field. A map needs a radar; without a map, the scans of a radar are recorded."""
         lines = [name for name in PortsTable.model_fields if getattr(self.ports, name) is not None]
         if (self.mode == "calibrate") != (self.calibration is not None):
             raise BrokenRuleError(
@@ -285,8 +319,10 @@ class RuntimeConfig(ConfigTable):
             self._require(lines, ["drive_by_wire", "gnss", *(["controller"] if self.commands else [])])
             return self
         if self.mode == "record":
-            if self.map or self.routes or self.coverage is not None or self.output is not None:
+            if self.map or self.routes or self.output is not None:
                 raise self._of_work("none of them in mode record, which needs no map and gives out no position")
+            if self.coverage is not None and (lines != ["gnss"] or not self.vehicle or self.coverage.plan is not None):
+                raise self._of_work("in mode record, [coverage] of a hand cart: ports.gnss alone, vehicle, and no plan")
             if not {"gnss", "radar"} & set(lines):
                 raise BrokenRuleError("ports", "gnss or radar, or both", ", ".join(lines) or "none")
             return self
@@ -296,8 +332,12 @@ class RuntimeConfig(ConfigTable):
                 raise self._of_work("either [coverage], or map and routes")
             if self.output is not None:
                 raise self._of_work("[output] only with a map: field runs give out no corrected position")
-        elif not (self.map and self.routes and self.ports.radar is not None):
-            raise self._of_work("map, routes and ports.radar, or [coverage]")
+        elif not self.routes:
+            raise self._of_work("routes, with or without map and ports.radar, or [coverage]")
+        elif self.map and self.ports.radar is None:
+            raise self._of_work("ports.radar with a map, or no map to drive by GNSS/INS alone")
+        elif self.output is not None and not self.map:
+            raise self._of_work("[output] only with a map: GNSS/INS alone gives no corrected position")
         return self
 
     def _require(self, lines: list[str], needed: list[str]) -> None:
@@ -308,7 +348,7 @@ class RuntimeConfig(ConfigTable):
 
     def _of_work(self, expected: str) -> BrokenRuleError:
         deciding = ("map", "routes", "coverage", "output")
-        given = ", ".join(name for name in deciding if name in self.model_fields_set)
+        given = ", ".join(name for name in deciding if getattr(self, name))
         if self.ports.radar is not None:
             given += ", ports.radar"
         return BrokenRuleError("map, routes, coverage", expected, given.removeprefix(", ") or "none of these")
@@ -363,7 +403,10 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
         if table.get(name):
             table[name] = str(config.path(table[name]))
     table["routes"] = [str(config.path(name)) for name in table["routes"]]
-    paths = (("coverage", "plan"), ("coverage", "resume"), ("simulation", "field"), ("registration", "thresholds"))
+    paths = (
+        *(("coverage", "plan"), ("coverage", "resume"), ("simulation", "field")),
+        *(("registration", "thresholds"), ("radar", "calibration")),
+    )
     for name, key in paths:
         if table.get(name, {}).get(key):
             table[name][key] = str(config.path(table[name][key]))

@@ -3,6 +3,7 @@
 Poses of a run on a map are those fused during it; of a run that only recorded they are smoothed from its messages.
 """
 
+import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,7 @@ from lgprjax.batch.recover import RecordedTracks, RunDrive, write_run_drive
 from lgprjax.batch.vehicles import filter_model_of
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, NavigationTrack, OdometryTrack, VehicleFile, read_vehicle
+from lgprjax.formats.plausible import plausible_positions, reach_in_time_m
 from lgprjax.formats.run_log import RunReading, read_run_record
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.navigation import (
@@ -38,8 +40,9 @@ from lgprjax.navigation import (
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.cart import smoothed_parts
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition, Senses
+from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Senses
 from lgprjax.runtime.control.setup import TICK_S
+from lgprjax.runtime.gnss import read_gnss
 from lgprjax.vehicle import VehiclePose
 
 _SIGMA_HEIGHT, _SIGMA_ROLL_DEG = 2.0, 0.2
@@ -81,6 +84,7 @@ def drive_of_run(
     *,
     map_file: Path | None = None,
     vehicle_file: Path | None = None,
+    calibration: Path | None = None,
     force: bool = False,
 ) -> RunDrive:
     """Write a run as a drive log.
@@ -90,6 +94,7 @@ def drive_of_run(
         config: of the run.
         output: ``X.drive.h5``.
         map_file, vehicle_file: where they have moved.
+        calibration: of the radar, in place of that of the configuration.
         force: replace an output that exists.
 
     Raises:
@@ -99,14 +104,17 @@ def drive_of_run(
         vehicle_file = config.path(config.vehicle)
     vehicle = None if vehicle_file is None else read_vehicle(vehicle_file)
     sigma_m = config.sensors.gnss_sigma_m
-    if config.mode != "drive":
-        calibrates = config.mode == "calibrate" and vehicle is not None
+    if calibration is None and config.radar.calibration is not None:
+        calibration = config.path(config.radar.calibration)
+    if not config.map:
+        measured = config.mode == "calibrate"
         return write_run_drive(
             reading,
             output,
-            source=(measured_tracks if calibrates else recorded_tracks)(reading, config, vehicle),
+            source=measured_tracks(reading, config, vehicle) if measured else recorded_tracks(reading, config, vehicle),
             vehicle=vehicle,
             position_sigma_m=sigma_m,
+            calibration=calibration,
             force=force,
         )
     from lgprjax.runtime.registration.search import options_of  # only these runs need the search, which takes seconds
@@ -118,6 +126,7 @@ def drive_of_run(
             source=source,
             vehicle=vehicle,
             position_sigma_m=sigma_m,
+            calibration=calibration,
             registration=options_as_provenance(options_of(config)),
             force=force,
         )
@@ -152,14 +161,17 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
         expected = "headings and turn rates, or some metres driven straight, from which the heading follows"
         raise InputError(reading.folder, "GNSS messages", expected, f"{len(sensed.places)} positions without heading")
     origin += "; height of the antenna; sigma of height and roll assumed"
+    origin += f"; {sensed.left_out}" if sensed.left_out else ""
     if vehicle is None:
         origin += "; no vehicle file: body origin and array at the antenna"
     tracks, radar = _tracks(sensed, poses, reading.clock[1], origin), config.radar
     frequency_hz = None if radar.centre_frequency_mhz is None else 1e6 * radar.centre_frequency_mhz
-    return tracks._replace(channel_pitch_m=radar.channel_pitch_m, centre_frequency_hz=frequency_hz)
+    return tracks._replace(
+        channel_pitch_m=radar.channel_pitch_m, centre_frequency_hz=frequency_hz, frame=_frame_of_plan(reading)
+    )
 
 
-def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: VehicleFile) -> RecordedTracks:
+def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: VehicleFile | None) -> RecordedTracks:
     """Poses of the body origin at the receiver's own positions, not smoothed: their errors are those that it states.
 
     Fits of a calibration weigh measurements by their errors; smoothed poses share theirs.
@@ -175,7 +187,8 @@ def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
     if reading.clock is None:
         raise InputError(reading.folder, "segments", "a complete segment header, or run.json", "neither")
     sensed = _Sensed.of(reading, config)
-    sensors, lever = config.sensors, (vehicle.navigation.gnss_x_m or 0.0, vehicle.navigation.gnss_y_m or 0.0)
+    table = None if vehicle is None else vehicle.navigation
+    sensors, lever = config.sensors, (0.0, 0.0) if table is None else (table.gnss_x_m or 0.0, table.gnss_y_m or 0.0)
     placed_ns = np.array([place.time_ns for place in sensed.places], np.int64)
     turned_ns = np.array([each.time_ns for each in sensed.attitudes], np.int64)
     yaw, near = np.zeros(len(placed_ns)), np.zeros(len(placed_ns), bool)
@@ -225,12 +238,14 @@ class _Sensed(NamedTuple):
     """What the lines said: positions and attitudes, both with rising times, and the inputs of each tick.
 
     Attributes:
-        frame: anchored at the first position.
+        frame: anchored at the first plausible position.
+        left_out: other positions, in words.
         places, attitudes: of the receiver.
         tick_ns: when each tick began; ticks: its inputs.
     """
 
     frame: LocalFrame
+    left_out: str
     places: list[LocalPosition]
     attitudes: list[LocalAttitude]
     tick_ns: Int[np.ndarray, " tick"]
@@ -238,7 +253,7 @@ class _Sensed(NamedTuple):
 
     @classmethod
     def of(cls, reading: RunReading, config: RuntimeConfig) -> "_Sensed":
-        frame, sensors = _frame_of(reading, config), config.sensors
+        (frame, implausible, left_out), sensors = _frame_of(reading), config.sensors
         senses = Senses(frame, sensors)
         places: list[LocalPosition] = []
         attitudes: list[LocalAttitude] = []
@@ -267,7 +282,9 @@ class _Sensed(NamedTuple):
             rows.append((tick.step_s, tick.yaw_rate_radps, *fix, *heading, *odometer))
 
         begun_ns: int | None = None
-        for record in _records(reading):
+        for number, record in enumerate(_records(reading)):
+            if number in implausible:
+                continue
             if record.kind is RecordKind.PORT_IN and record.source in (Source.GNSS, Source.DRIVE_BY_WIRE):
                 senses.take(record)
             elif record.kind is RecordKind.TICK:
@@ -280,7 +297,7 @@ class _Sensed(NamedTuple):
         if len(places) < 2:
             raise InputError(reading.folder, "GNSS messages", "at least two positions", str(len(places)))
         ticks = _Ticks(*np.array(rows, np.float64).T)
-        return cls(frame, places, attitudes, np.array(times, np.int64), ticks)
+        return cls(frame, left_out, places, attitudes, np.array(times, np.int64), ticks)
 
 
 def _records(reading: RunReading) -> Iterator[Record]:
@@ -290,19 +307,36 @@ def _records(reading: RunReading) -> Iterator[Record]:
             yield record
 
 
-def _frame_of(reading: RunReading, config: RuntimeConfig) -> LocalFrame:
-    """A frame at the first position.
+def _frame_of_plan(reading: RunReading) -> LocalFrame | None:
+    """The frame that the run was driven in; ``None`` of one that only recorded."""
+    for record in _records(reading):
+        if record.kind is RecordKind.HEADER and record.source is Source.CONTROL:
+            anchor = json.loads(record.payload).get("frame")
+            return None if anchor is None else LocalFrame(*anchor)
+    return None
+
+
+def _frame_of(reading: RunReading) -> tuple[LocalFrame, set[int], str]:
+    """A frame at the first plausible position, numbers of the records with implausible ones, and these in words.
 
     Raises:
         InputError: there is none.
     """
-    senses = GnssSenses(None, config.sensors)
-    for record in _records(reading):
+    found: list[tuple[int, float, float, float, float]] = []
+    for number, record in enumerate(_records(reading)):
         if (record.kind, record.source) == (RecordKind.PORT_IN, Source.GNSS):
-            senses.take(record)
-            if senses.frame is not None:
-                return senses.frame
-    raise InputError(reading.folder, "GNSS messages", "at least two positions", "none")
+            sample = read_gnss(record.payload)
+            position = None if sample is None else sample.position
+            if position is not None and math.isfinite(position.height_m):
+                place = (position.latitude_deg, position.longitude_deg, position.height_m)
+                found.append((number, 1e-9 * record.mono_ns, *place))
+    numbers, time_s, latitude, longitude, height = np.array(found).reshape(-1, 5).T
+    judged = plausible_positions(latitude, longitude, reach_in_time_m(time_s))
+    if not judged.kept.any():
+        raise InputError(reading.folder, "GNSS messages", "at least two positions", judged.in_words() or "none")
+    first = int(np.argmax(judged.kept))
+    frame = LocalFrame(float(latitude[first]), float(longitude[first]), float(height[first]))
+    return frame, {int(each) for each in numbers[~judged.kept]}, judged.in_words()
 
 
 def _by_filter(sensed: _Sensed, vehicle: VehicleFile | None, lever: tuple[float, float]) -> _Poses | None:

@@ -33,7 +33,8 @@ class GnssPosition(NamedTuple):
 
     Attributes:
         tow_s: time of week or day, by the sample's scale.
-        latitude_deg, longitude_deg, height_m: WGS-84, ellipsoidal; NaN if the quality is ``NONE``.
+        latitude_deg, longitude_deg, height_m: WGS-84, ellipsoidal; NaN if the quality is ``NONE``, the height also if
+            the receiver states no geoid separation.
         sigma_m: horizontal, of one axis; NaN if not stated.
         quality: of the position.
     """
@@ -149,14 +150,15 @@ def _position(
     if q is Quality.NONE:
         return GnssSample(scale, position=GnssPosition(tow_s, math.nan, math.nan, math.nan, math.nan, q))
     latitude, longitude = _within(message.lat, -90.0, 90.0), _within(message.lon, -180.0, 180.0)
-    height = _within(height_m, -1e3, 2e4)
+    height = math.nan if math.isnan(height_m) else _within(height_m, -1e3, 2e4)
     return GnssSample(scale, position=GnssPosition(tow_s, latitude, longitude, height, sigma_m, q))
 
 
 def _gga(message: Any) -> GnssSample:
     quality = {1: Quality.SINGLE, 2: Quality.SINGLE, 3: Quality.SINGLE, 4: Quality.FIXED, 5: Quality.FLOAT}
     q = quality.get(message.quality, Quality.NONE)
-    height = _within(message.alt, -1e4, 1e5) + _within(message.sep, -200.0, 200.0) if q else math.nan
+    height = _within(message.alt, -1e4, 1e5) if q else math.nan
+    height += _within(message.sep, -200.0, 200.0) if message.sep != "" else math.nan
     return _position(GnssTimeScale.UTC_DAY, _day_s(message), message, height, math.nan, q)
 
 
@@ -257,15 +259,22 @@ class GnssParser:
 
     def feed(self, data: bytes) -> list[bytes | RefusedBytes]:
         """Complete messages, sentences without line ends, and refused bytes, in order."""
+        self._buffer += data
+        return self._take(ended=False)
+
+    def finish(self) -> list[bytes | RefusedBytes]:
+        """The rest at the end of a file: an unfinished message is refused, and the messages within it are found."""
+        return self._take(ended=True)
+
+    def _take(self, *, ended: bool) -> list[bytes | RefusedBytes]:
         buffer = self._buffer
-        buffer += data
         found: list[bytes | RefusedBytes] = []
         at = 0
         while at < len(buffer):
             if buffer[at] in b"\r\n":
                 at += 1
                 continue
-            what = _message_at(buffer, at)
+            what = _message_at(buffer, at) or ((RefusalReason.CUT,) if ended else None)
             if what is None:
                 break
             if isinstance(what, int):

@@ -30,10 +30,22 @@ def preflight(config: RuntimeConfig) -> Iterator[PreflightItem]:
         yield _tried("vehicle file", lambda: check_recordable(config))
     else:
         yield from _files(config) if config.coverage is None else _field_files(config)
+    if config.radar.calibration is not None:
+        yield _tried("radar calibration", lambda: _calibration(config))
     yield _storage(config)
     yield _display(config)
     yield _cores(config)
     yield from _lines(config)
+
+
+def _calibration(config: RuntimeConfig) -> str:
+    from lgprjax.formats import read_radar_calibration
+
+    assert config.radar.calibration is not None
+    known = read_radar_calibration(config.path(config.radar.calibration))
+    assert known.channel_valid is not None
+    channels = f"{known.channel_valid.sum()} of {len(known.channel_valid)} channels"
+    return f"{channels}, {'look-up only' if known.channel_gain is None else 'gain and delay measured'}"
 
 
 def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
@@ -61,8 +73,11 @@ def _files(config: RuntimeConfig) -> Iterator[PreflightItem]:
         return finding + (f", and by {own}" if own is not None else "")
 
     yield _tried("vehicle file", vehicle)
-    yield _tried("map", database)
-    yield _tried("registration", registration)
+    if config.map:
+        yield _tried("map", database)
+        yield _tried("registration", registration)
+    elif config.ports.radar is not None:
+        yield _tried("recording of the radar", lambda: check_recordable(config))
     try:
         routes = load(config).routes
     except InputError as error:
@@ -76,13 +91,18 @@ def check_recordable(config: RuntimeConfig) -> str:
     """Check before a first drive what its drive log needs, while there is time to correct it.
 
     Returns:
-        the place of the array, in words.
+        the place of the array, or of a hand cart its tool, in words.
 
     Raises:
         InputError: the vehicle file cannot be used, or neither file states place and spacing of the channels.
     """
     from lgprjax.formats import read_vehicle
 
+    if config.coverage is not None:
+        from lgprjax.batch.vehicles import tool_of
+
+        path = config.path(config.vehicle)
+        return f"{config.vehicle}, tool {tool_of(read_vehicle(path), path).width_m:g} m wide"
     array = read_vehicle(config.path(config.vehicle)).array if config.vehicle else None
     if config.ports.radar is not None:
         if array is not None and (array.x_m is None or array.height_m is None):
@@ -106,7 +126,7 @@ def _field_files(config: RuntimeConfig) -> Iterator[PreflightItem]:
     def plan() -> str:
         loaded = load_skid(config)
         if loaded.name is None:
-            return "none: corners can be marked, but the vehicle does not drive"
+            return "none: what is worked by remote control is recorded, but the vehicle does not drive"
         found = f"{loaded.name}, {loaded.lines} lines, {float(loaded.route.length_m):.0f} m"
         return found + (", in part in reverse" if loaded.route.legs is not None else "")
 

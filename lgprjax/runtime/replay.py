@@ -129,7 +129,9 @@ def _core(folder: Path, header: dict[str, Any]) -> ControlCore:
     config: RuntimeConfig = read_config(folder / "config.toml")
     config = config.model_copy(update={"file": Path(header["config"])})
     place = header.get("place")
-    loaded = load_vehicle(config, None if place is None else RoutePlace(int(place[0]), float(place[1])))
+    loaded = load_vehicle(
+        config, None if place is None else RoutePlace(int(place[0]), float(place[1])), header.get("anchor")
+    )
     for name, digest in header["hashes"].items():
         if loaded.hashes.get(name) != digest:
             raise InputError(

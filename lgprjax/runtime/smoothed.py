@@ -73,7 +73,9 @@ def smooth_run(run: CoverRun) -> tuple[CoverRun, SmoothedPoses]:
         config = read_config(folder / "config.toml")
         config = config.model_copy(update={"file": Path(header["config"])})
         place = header.get("place")
-        loaded = load_skid(config, None if place is None else RoutePlace(int(place[0]), float(place[1])))
+        loaded = load_skid(
+            config, None if place is None else RoutePlace(int(place[0]), float(place[1])), header.get("anchor")
+        )
         for name, digest in header["hashes"].items():
             if loaded.hashes.get(name) != digest:
                 raise InputError(

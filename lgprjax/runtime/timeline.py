@@ -153,7 +153,11 @@ class _Reader:
         elif "refused" in told:
             yield "refused", f"{told['refused']} refused: {told['why']}"
         elif "route" in told:
-            yield "route", f"route {told['route']} chosen"
+            yield "route", f"route {told['route']} chosen{', at ' + told['place'] if 'place' in told else ''}"
+        elif told.keys() == {"place"}:
+            yield "route", f"on the route at {told['place']}, one of several places"
+        elif "level" in told:
+            yield "note", f"confidence of {100.0 * told['level']:g} % chosen"
         elif "corner" in told:
             yield "note", f"corner {told['corner']} marked"
         elif "compiled" in told:

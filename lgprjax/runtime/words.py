@@ -56,13 +56,14 @@ REASONS = {
     Reason.CONFLICT: "GNSS and LGPR give different places",
     Reason.REACQUIRED: "navigation accepts a rejected source again",
     Reason.FRAME_BEHIND: "the path still moves to a better estimate",
-    Reason.UNCERTAIN: "position uncertain by more than 0.15 m across",
+    Reason.UNCERTAIN: "position uncertain across the route",
     Reason.POSITION_LOST: "position lost: neither GNSS nor LGPR",
     Reason.HEADING_LOST: "heading lost: neither INS nor LGPR",
     Reason.SPEED_LOST: "speed unknown",
     Reason.CONFLICT_LASTS: "GNSS and LGPR have given different places for 10 s",
     Reason.FRAME_FAR: "the path is more than 1 m from a better estimate",
-    Reason.TOO_UNCERTAIN: "position uncertain by more than 0.25 m across",
+    Reason.TOO_UNCERTAIN: "position too uncertain across the route",
+    Reason.GNSS_INCONSISTENT: "GNSS positions scatter more than the receiver states",
 }
 """Each reason of navigation's health in plain words."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -58,6 +58,7 @@ from lgprjax.scene.sensors import NavigationErrors, OdometerTrack, PoseTrack, ob
 # tau), through an attenuator a and a cable tau: dividing by it leaves E, R and a known delay.
 
 _AVERAGED = 256  # scans that the start-of-day recordings are the mean of
+_PLATE_M = 0.5  # from the antennas to the metal plate
 
 
 @dataclass(frozen=True)
@@ -116,15 +117,20 @@ def calibration_path(plan: SweepPlan) -> Complex[np.ndarray, " frequency"]:
     return np.asarray(plan.calibration_gain * delay)
 
 
-def start_of_day(
-    plan: SweepPlan, radar: RadarConfig, response: Response, noise_field: float, seed: int, *, plate_m: float = 0.5
-) -> StartOfDay:
-    """The look-up in empty space and the plate ``plate_m`` under the array, each the mean of many scans."""
-    rng = np.random.default_rng([seed, 10])
+def standing_echoes(
+    plan: SweepPlan, response: Response, in_view: Literal["empty", "plate"]
+) -> Complex[np.ndarray, "channel frequency"]:
+    """What a standing array receives with nothing in view, or from a metal plate under it."""
     f = plan.frequency_mhz * 1e-3
     own = response.gain[:, None] * np.exp(-2j * np.pi * np.outer(response.delay_ns, f))
     coupling = response.coupling @ np.exp(-2j * np.pi * np.outer(np.asarray(COUPLING_NS), f))
-    mirror = -0.5 / plate_m * np.exp(-2j * np.pi * f * 2 * plate_m / LIGHT_M_PER_NS)
+    mirror = -0.5 / _PLATE_M * np.exp(-2j * np.pi * f * 2 * _PLATE_M / LIGHT_M_PER_NS)
+    return np.asarray(own * (coupling + (mirror[None] if in_view == "plate" else 0.0)))
+
+
+def start_of_day(plan: SweepPlan, radar: RadarConfig, response: Response, noise_field: float, seed: int) -> StartOfDay:
+    """The look-up in empty space and the plate under the array, each the mean of many scans."""
+    rng = np.random.default_rng([seed, 10])
     common, calibration = common_path(plan), calibration_path(plan)
     sigma = _noise_per_step(plan, radar, noise_field) / np.sqrt(_AVERAGED)
 
@@ -133,11 +139,11 @@ def start_of_day(
         noise = rng.normal(size=(2, *sweep.shape)) * sigma * np.sqrt(0.5)
         return np.asarray(drift * common * sweep + noise[0] + 1j * noise[1])
 
-    def pair(echoes_pair: Complex[np.ndarray, "channel frequency"]) -> tuple[np.ndarray, np.ndarray]:
-        together = noisy(np.concatenate([own * echoes_pair, calibration[None]]))
+    def pair(in_view: Literal["empty", "plate"]) -> tuple[np.ndarray, np.ndarray]:
+        together = noisy(np.concatenate([standing_echoes(plan, response, in_view), calibration[None]]))
         return together[:-1].astype(np.complex64), together[-1].astype(np.complex64)
 
-    return StartOfDay(*pair(coupling), *pair(coupling + mirror[None]))
+    return StartOfDay(*pair("empty"), *pair("plate"))
 
 
 @partial(jax.jit, static_argnames=("radar", "plan"))
@@ -158,10 +164,29 @@ def record_sweeps(
     scans, channels, _ = antenna_m.shape
     echoes = received_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)
     halves = convolve_echoes(echoes, matrix).reshape(scans, channels, 2, plan.steps)
-    calibration = calibration_path(plan)
-    through = np.broadcast_to(np.stack([calibration.real, calibration.imag])[None, None], (scans, 1, 2, plan.steps))
-    halves = jnp.concatenate([halves, jnp.asarray(through, jnp.float32)], axis=1)
-    echoes_pair = jax.lax.complex(halves[:, :, 0], halves[:, :, 1])
+    heard = jax.lax.complex(halves[:, :, 0], halves[:, :, 1])
+    received: tuple[Array, Array] = receive_sweeps(
+        key, first_scan, heard, response, errors, noise_field, radar=radar, plan=plan
+    )
+    return received
+
+
+@partial(jax.jit, static_argnames=("radar", "plan"))
+def receive_sweeps(
+    key: PRNGKeyArray,
+    first_scan: Int[Array, ""],
+    heard: Complex[Array, "scan channel frequency"],
+    response: Response,
+    errors: ScanErrors,
+    noise_field: Float[Array, ""],
+    *,
+    radar: RadarConfig,
+    plan: SweepPlan,
+) -> tuple[Complex[Array, "scan channel frequency"], Complex[Array, "scan frequency"]]:
+    """Sweeps of the channels and of the calibration channel, as the receiver records what the channels receive."""
+    scans, channels, _ = heard.shape
+    through = jnp.broadcast_to(jnp.asarray(calibration_path(plan), jnp.complex64), (scans, 1, plan.steps))
+    echoes_pair = jnp.concatenate([heard, through], axis=1)
     drift = jax.lax.complex(errors.gain * jnp.cos(errors.phase_rad), errors.gain * jnp.sin(errors.phase_rad))
     sweep = echoes_pair * drift[:, None, None] * jnp.asarray(common_path(plan), jnp.complex64)[None, None]
 

@@ -1,6 +1,6 @@
 """A radar on a vehicle whose path is not known beforehand: recordings of a few scans at a time at its pose."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +15,10 @@ from lgprjax.scene.drive import (
     StartOfDay,
     SweepPlan,
     check_inside,
+    receive_sweeps,
     record_sweeps,
     soil_of,
+    standing_echoes,
     start_of_day,
 )
 from lgprjax.scene.ground import Ground
@@ -83,6 +85,7 @@ class LiveRadar:
         scans: most that will be asked for; drifts run over them.
         seed: of the faults; with the day's, of the noise.
         sweeps: what a stepped-frequency radar measures; None for one that records traces.
+        in_view: of an array of sweeps: the ground; nothing; or a metal plate, equally far from all channels.
 
     Attributes:
         start: recordings at the start of the day; None for a radar that records traces.
@@ -105,6 +108,7 @@ class LiveRadar:
         radar: RadarConfig | None = None,
         receiver: ReceiverConfig | None = None,
         sweeps: SweepPlan | None = None,
+        in_view: Literal["ground", "empty", "plate"] = "ground",
     ) -> None:
         faults = ReceiverFaults() if faults is None else faults
         self.radar = RadarConfig(height_m=array.height_m) if radar is None else radar
@@ -118,6 +122,9 @@ class LiveRadar:
         self._noise_field = jnp.asarray(day.noise_field, jnp.float32)
         self._sweeps = sweeps
         self.start: StartOfDay | None = None
+        self._standing: Complex64[np.ndarray, "channel frequency"] | None = None
+        if sweeps is not None and in_view != "ground":
+            self._standing = standing_echoes(sweeps, self._response, in_view).astype(np.complex64)
         soil = soil_of(self._ground, self._conditions)
         if sweeps is None:
             self._matrix = jnp.asarray(trace_matrix(self.radar, **soil))
@@ -155,6 +162,16 @@ class LiveRadar:
         guess = np.full(place.shape[:2], along_m)
         axle_along, _ = local_to_road(self._road, place[..., 0], place[..., 1], guess - direction * array.x_m[None])
         poses = self.body_pose(place, axle_along, direction)
+        span = slice(first_scan, first_scan + scans)
+        errors = ScanErrors(*(error[span] for error in self._errors))
+        first, noise = jnp.asarray(first_scan, jnp.int32), self._noise_field
+        if self._standing is not None and self._sweeps is not None:
+            same = jnp.broadcast_to(self._standing, (scans, *self._standing.shape))
+            rows = receive_sweeps(
+                self._key, first, same, self._response, errors, noise, radar=self.radar, plan=self._sweeps
+            )
+            recorded = np.concatenate([np.asarray(rows[0]), np.asarray(rows[1])[:, None]], axis=1)
+            return LiveScan(recorded, self._received[span], poses[:, 0, 4])
         antenna = place_antennas(poses, array)
         along, cross = local_to_road(self._road, antenna[..., 0], antenna[..., 1], guess)
         bank = direction * wave_value(self._road.bank_rad, axle_along)
@@ -173,18 +190,16 @@ class LiveRadar:
             origin_m=(origin[0], origin[1]),
             conditions=self._conditions,
         )
-        span = slice(first_scan, first_scan + scans)
         heard = (
             self._key,
-            jnp.asarray(first_scan, jnp.int32),
+            first,
             piece,
             jnp.asarray(on_road - origin, jnp.float32),
             self._response,
-            ScanErrors(*(error[span] for error in self._errors)),
-            self._noise_field,
+            errors,
+            noise,
             self._matrix,
         )
-        recorded: np.ndarray
         if self._sweeps is None:
             recorded = np.asarray(record_scans(*heard, radar=self.radar, receiver=self._receiver))
         else:

@@ -61,7 +61,8 @@ STEPS = (
         (
             "Turn the steering wheel fully to the left. Wait 2 s.",
             "Drive a quarter of a circle (at most 25 m) at 1.5 m/s, wait 2 s, drive back to the start, wait 2 s.",
-            "Turn the wheel half a turn to the right and repeat, until it is fully at the right.",
+            "Turn the wheel half a turn to the right (a quarter, if it has fewer than three turns) and repeat,",
+            "until it is fully at the right.",
         ),
         "none",
         ("steering.rear_ratio", "steering.potentiometer_v_per_rad", "wheel_map.front_rad"),

@@ -290,8 +290,9 @@ def study_encoder(task: Task) -> Outcome:
         notes.append(f"{play}; counts per radian need steering.potentiometer_v_per_rad, from a study of wheel_angle")
     else:
         half = _half_width(task.vehicle.found.get("steering.potentiometer_v_per_rad"))
-        found["steering.encoder_counts_per_rad"] = _times(fit.counts_per_v, v_per_rad, half)
-        play_rad = _times(fit.hysteresis_counts, 1.0 / abs(fit.counts_per_v.value * v_per_rad))
+        found["steering.encoder_counts_per_rad"] = per_rad = _times(fit.counts_per_v, v_per_rad, half)
+        share = 0.5 * (per_rad.high - per_rad.low) / per_rad.value
+        play_rad = _times(fit.hysteresis_counts, 1.0 / abs(per_rad.value), share / per_rad.value)
         found["steering.backlash_rad"] = Estimate(*(max(number, 0.0) for number in play_rad))
     figures = [Figure("pauses relative to the fit, rms", fit.rms_counts, "count")]
     if v_per_rad is not None:

@@ -389,7 +389,7 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     runs = cut_runs(signals, WHAT)
     scale = odometer_scale(signals)
     fit = fit_way(runs, _by_fixes(signals, runs, scale)[None])
-    value, sigma = fit.value[0], np.hypot(fit.sigma[0], np.where(LAGS, COMMAND_SIGMA_S, 0.0))
+    value, sigma = fit.value[0], np.hypot(fit.sigma[0], _by_late_commands(runs, fit.value))
     way_m = float(np.ptp(signals.travel_m[runs.record]))
     if fit.rms_m[0] > 0.05 * way_m:
         raise NotExcitedError(WHAT, "a distance that the commands explain", f"a difference of {fit.rms_m[0]:.2f} m rms")
@@ -445,16 +445,35 @@ def fit_way(runs: PedalRuns, travel_m: Float[np.ndarray, "lane record"]) -> WayF
     return _way_fit(runs, value, _levelled(runs, slope, weight[:, None]), _levelled(runs, raw, weight))
 
 
+def _by_late_commands(runs: PedalRuns, value: Float[np.ndarray, "1 parameter"]) -> Float[np.ndarray, " parameter"]:
+    """What a fit makes of a pedal that acts later by ``COMMAND_SIGMA_S``: a longer lag, and other gains with it."""
+    way, slope = predict_way(runs, value)
+    even = np.ones_like(way)
+    level_slope = _levelled(runs, slope, even[:, None])[0]
+    share = COMMAND_SIGMA_S / np.maximum(runs.step_s, COMMAND_SIGMA_S)
+    fresh = np.diff(runs.run, prepend=-1) != 0
+
+    def moved(pedal: str) -> Float[np.ndarray, " parameter"]:
+        command = getattr(runs, pedal)
+        late = command + share * (np.where(fresh, command, np.roll(command, 1)) - command)
+        later, _ = predict_way(runs._replace(**{pedal: late}), value)
+        difference = _levelled(runs, later - way, even)[0]
+        return np.asarray(np.linalg.lstsq(level_slope.T, difference, rcond=None)[0])
+
+    # The fit may give a delay to the dead zone; the lag is not known better for that.
+    return np.maximum(np.hypot(moved("throttle"), moved("brake")), np.where(LAGS, COMMAND_SIGMA_S, 0.0))
+
+
 def _by_fixes(signals: DriveSignals, runs: PedalRuns, scale: Estimate | None) -> Float[np.ndarray, " record"]:
     """Way at the records of the runs, in metres of the odometer over the whole log: by the fixes its scale differs from
     run to run.
     """
     way_m = signals.travel_m[runs.record].astype(np.float64)
     parts = [runs.record[runs.run == run] for run in range(runs.runs)]
-    own = [odometer_scale(DriveSignals(*(None if v is None else v[part] for v in signals))) for part in parts]
+    own = [odometer_scale(jax.tree.map(lambda values, part=part: values[part], signals)) for part in parts]
     known = [each for each in own if each is not None]
     if scale is None or len(known) < 3:
-        return way_m
+        return np.asarray(way_m)
     noise = np.mean([each.sigma**2 for each in known])
     # What the scales scatter beyond their own errors; each is trusted as far as that is the larger.
     wander = max(float(np.var([each.value for each in known], ddof=1) - noise), 0.0)
@@ -463,7 +482,7 @@ def _by_fixes(signals: DriveSignals, runs: PedalRuns, scale: Estimate | None) ->
             inside = runs.run == run
             worth = 1.0 + wander / (wander + each.sigma**2) * (each.value / scale.value - 1.0)
             way_m[inside] = way_m[inside][0] + worth * (way_m[inside] - way_m[inside][0])
-    return way_m
+    return np.asarray(way_m)
 
 
 def _in_metres(name: str, odometer: Estimate, scale: Estimate | None, degrees: float) -> Estimate:

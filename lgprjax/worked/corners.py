@@ -10,7 +10,7 @@ from lgprjax.coverage import Field, field_of_corners, field_of_polygon
 from lgprjax.coverage.field import SQUARED_M, Corners, signed_area_m2
 from lgprjax.coverage.ground import buffered
 from lgprjax.errors import InputError
-from lgprjax.formats.coverage_files import FieldPlaces, KeepOut
+from lgprjax.formats.field_files import FieldPlaces, KeepOut
 from lgprjax.formats.worked import WorkedRecord
 from lgprjax.frames import LocalFrame
 

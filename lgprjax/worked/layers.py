@@ -11,7 +11,9 @@ import shapely
 from jaxtyping import Bool, Float
 
 from lgprjax.coverage import CellGrid, CellState, Field, cell_states, inside_cells
+from lgprjax.coverage.field import HIGHEST_LEVEL
 from lgprjax.errors import ArgumentError
+from lgprjax.formats.geometries import continuous
 from lgprjax.formats.worked import FULL, GeoLayer, WorkedRecord, stop_words
 
 METHOD = "mechanical: one pass of a machine, recorded by GNSS and INS"
@@ -70,10 +72,6 @@ def layer_name(level: float) -> str:
     return f"processed_p{100.0 * level:g}".replace(".", "")
 
 
-_HIGHEST_LEVEL = 0.9999
-"""A cell's largest probability is 0.99994: no ground can be processed at a level beyond it."""
-
-
 def checked_levels(confidence: Sequence[float]) -> tuple[float, ...]:
     """Levels of confidence for the layers of a record, rising.
 
@@ -82,11 +80,11 @@ def checked_levels(confidence: Sequence[float]) -> tuple[float, ...]:
     """
     levels = tuple(sorted(confidence))
     names = {layer_name(level) for level in levels}
-    possible = all(0.5 < level <= _HIGHEST_LEVEL for level in levels)
+    possible = all(0.5 < level <= HIGHEST_LEVEL for level in levels)
     if levels and possible and len(names) == len(levels):
         return levels
     found = ", ".join(f"{level:g}" for level in levels) or "none"
-    raise ArgumentError("confidence", f"different levels above 0.5, {_HIGHEST_LEVEL:g} at most", found)
+    raise ArgumentError("confidence", f"different levels above 0.5, {HIGHEST_LEVEL:g} at most", found)
 
 
 def at_levels(record: WorkedRecord, levels: Sequence[float]) -> WorkedRecord:
@@ -257,7 +255,7 @@ def _areas(record: WorkedRecord, name: str, rows: Iterable[tuple[Any, dict[str, 
 def _layer(record: WorkedRecord, name: str, kind: str, rows: list[tuple[Any, dict[str, Any]]]) -> GeoLayer:
     def to_degrees(places: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place 2"]:
         latitude, longitude, _ = record.frame.to_geodetic(places[:, 0], places[:, 1], np.zeros(len(places)))
-        return np.stack([longitude, latitude], axis=1)
+        return np.stack([continuous(longitude, record.frame.longitude_deg), latitude], axis=1)
 
     shapes = [shapely.transform(shape, to_degrees) for shape, _ in rows]
     if kind == "Polygon":

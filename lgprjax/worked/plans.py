@@ -37,7 +37,7 @@ from lgprjax.coverage.tour import plan_tour
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import CoverPlan, read_cover_plan, read_vehicle, write_cover_plan
-from lgprjax.formats.coverage_files import FieldPlaces, read_field
+from lgprjax.formats.field_files import FieldPlaces, read_field
 from lgprjax.formats.worked import FULL, WorkedRecord
 from lgprjax.frames import LocalFrame
 from lgprjax.worked.corners import check_same_field, counter_clockwise, east_north, field_of_places, keep_out_of
@@ -72,6 +72,7 @@ class PlanOptions(NamedTuple):
             outside allows, follow from it; ``None``: ``overlap`` as it is, and swaths flush with the border.
         drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
         least_width_m: of a plan for gaps, narrower places are not planned.
+        polygon: name or number of the polygon that is the field, of a file with several.
     """
 
     overlap: float = 0.2
@@ -85,6 +86,7 @@ class PlanOptions(NamedTuple):
     confidence: float | None = None
     drop_out_s: float = 0.0
     least_width_m: float = 0.1
+    polygon: str | None = None
 
 
 class OrderCost(NamedTuple):
@@ -196,7 +198,7 @@ def plan_field(
     Raises:
         InputError: an unusable file, corners that form no field, a pattern that does not fit; it names the place.
     """
-    places, vehicle = read_field(field_file), read_vehicle(vehicle_file)
+    places, vehicle = read_field(field_file, polygon=options.polygon), read_vehicle(vehicle_file)
     tool, outline = tool_of(vehicle, vehicle_file), outline_of_vehicle(vehicle, vehicle_file)
     name = str(field_file)
     if worked is None:

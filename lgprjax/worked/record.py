@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int, UInt16
 
 from lgprjax import __version__
@@ -17,9 +18,11 @@ from lgprjax.batch.recover import RowGatherer, rising
 from lgprjax.coverage import (
     LEVELS,
     CellGrid,
+    Field,
     Tool,
     ToolMoment,
     cell_states,
+    field_of_polygon,
     grid_of_field,
     init_worked,
     run_worked,
@@ -37,7 +40,7 @@ from lgprjax.formats.worked import (
     WorkedCells,
     WorkedRecord,
 )
-from lgprjax.frames import body_to_local
+from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.run_records import LONGEST_COVER_STEP_NS, RecordKind, ToolBits, payload_type
 from lgprjax.run_segment import segments_of
 from lgprjax.worked.evidence import Evidence, evidence_json, shared_error
@@ -65,6 +68,7 @@ class CoverRun(NamedTuple):
         plan_sha256: of the plan that it was driven by; ``None`` if unknown.
         folder: of the run.
         machine: that drove it; ``None`` if unknown.
+        without_plan: of a run without a plan; ``None`` of any other.
     """
 
     name: str
@@ -75,6 +79,25 @@ class CoverRun(NamedTuple):
     plan_sha256: str | None
     folder: Path
     machine: str | None = None
+    without_plan: "PlanlessRun | None" = None
+
+
+class PlanlessRun(NamedTuple):
+    """What a run without a plan states itself.
+
+    Attributes:
+        frame: of its positions.
+        tool: that worked.
+        vehicle: name and SHA-256 of the vehicle file.
+    """
+
+    frame: LocalFrame
+    tool: Tool
+    vehicle: dict[str, str]
+
+
+NOT_MEASURED = "not measured"
+"""Provenance of a run in which nobody measured whether the tool worked."""
 
 
 def read_cover_run(folder: str | Path) -> CoverRun:
@@ -91,7 +114,9 @@ def read_cover_run(folder: str | Path) -> CoverRun:
     if clock is None:
         raise InputError(reading.folder, "segments", "a complete segment header, or run.json", "neither")
     gathered = RowGatherer(payload_type("cover"))
-    events, plan, machine = [], None, None
+    events: list[RunEvent] = []
+    header: dict[str, Any] = {}
+    anchor: Any = None
     utc_of_mono_ns = clock[0] - clock[1]
     for _, data in reading:
         record = read_run_record(data)
@@ -101,13 +126,17 @@ def read_cover_run(folder: str | Path) -> CoverRun:
             gathered.add(record.mono_ns, record.payload)
         elif record.kind is RecordKind.EVENT:
             events.append(RunEvent(record.mono_ns + utc_of_mono_ns, _line(record.payload)))
-        elif record.kind is RecordKind.HEADER and plan is None:
-            plan, machine = _stated(record.payload, "plan_sha256"), _stated(record.payload, "machine")
+            anchor = anchor or _object(record.payload).get("anchor")
+        elif record.kind is RecordKind.HEADER and not header.get("plan_sha256"):
+            header |= _object(record.payload)
+            anchor = anchor or header.get("anchor")
     kept = rising(gathered.times_ns, np.ones(len(gathered.rows), bool))
     if not kept.any():
-        expected = "records of what a tool worked (a run of a skid-steer vehicle with a plan)"
+        expected = "records of what a tool worked (a run of a skid-steer vehicle or a hand cart)"
         raise InputError(reading.folder, "cover", expected, "none")
     found = reading.summary
+    plan, machine = (_text(header.get(name)) for name in ("plan_sha256", "machine"))
+    planless = None if plan is not None or "tool" not in header else _planless(reading.folder, header, anchor)
     return CoverRun(
         name=reading.folder.resolve().name,
         utc_ns=gathered.times_ns[kept] + utc_of_mono_ns,
@@ -120,10 +149,12 @@ def read_cover_run(folder: str | Path) -> CoverRun:
             "segments": [
                 {"file": path.name, "sha256": file_hash(path)} for path in segments_of(reading.folder).values()
             ],
+            **({"tool": NOT_MEASURED} if header.get("mode") == "record" else {}),
         },
         plan_sha256=plan,
         folder=reading.folder,
         machine=machine,
+        without_plan=planless,
     )
 
 
@@ -136,14 +167,47 @@ def _line(payload: bytes) -> str:
         return json.dumps(text)
 
 
-def _stated(payload: bytes, name: str) -> str | None:
-    """A text of a header."""
+def _object(payload: bytes) -> dict[str, Any]:
+    """A JSON object; empty if it is none."""
     try:
-        header = json.loads(payload)
+        found = json.loads(payload)
     except ValueError:
-        return None
-    stated = header.get(name) if isinstance(header, dict) else None
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _text(stated: object) -> str | None:
     return stated if isinstance(stated, str) else None
+
+
+def _planless(folder: Path, header: dict[str, Any], anchor: Any) -> PlanlessRun:
+    """What the header and the events of a run without a plan state.
+
+    Raises:
+        InputError: the frame of its positions is missing, or the tool is damaged.
+    """
+    try:
+        frame = LocalFrame(*(float(each) for each in anchor))
+    except TypeError:
+        expected = "the event with the anchor of its positions, as there is no plan"
+        raise InputError(folder, "anchor", expected, "none") from None
+    try:
+        tool = Tool(**{name: float(header["tool"][name]) for name in Tool._fields})
+        vehicle = {name: str(header["vehicle"][name]) for name in ("name", "sha256")}
+    except (KeyError, TypeError, ValueError):
+        raise InputError(folder, "header", "tool and vehicle of a run without a plan", "none") from None
+    return PlanlessRun(frame, tool, vehicle)
+
+
+def _in_frame(run: CoverRun, frame: LocalFrame) -> CoverRun:
+    """A run with its positions in another frame; one by a plan is in the plan's already."""
+    if run.without_plan is None or run.without_plan.frame == frame:
+        return run
+    own, rows = run.without_plan.frame, run.rows.copy()
+    latitude, longitude, height = own.to_geodetic(rows["x_m"], rows["y_m"], np.zeros(len(rows)))
+    rows["x_m"], rows["y_m"], _ = frame.to_local(latitude, longitude, height)
+    rows["yaw_rad"] = frame.yaw_of_heading(own.heading_of_yaw(rows["yaw_rad"], longitude), longitude)
+    return run._replace(rows=rows)
 
 
 # Passes, tracks of the tool and stops of recorded runs: stretches of consecutive moments.
@@ -243,6 +307,7 @@ def _thinned(step_m: Float[np.ndarray, " step"]) -> Bool[np.ndarray, " moment"]:
 
 
 _BLOCK = 256
+_OUTLINE_M = 0.01
 
 
 def record_cover(
@@ -259,8 +324,9 @@ def record_cover(
     Cells beyond the perimeter are kept for one tool width, so that work there is visible.
 
     Args:
-        plans: of the field; the first defines it, others are for its gaps. All have the same tool.
-        runs: over it, each by one of the plans.
+        plans: of the field; the first defines it, others are for its gaps. All have the same tool. Without any the
+            perimeter is the convex outline of the tool's passes.
+        runs: over it, each by one of the plans or without a plan.
         cell_m: side of a cell.
         levels: of confidence that cells are judged at, rising.
         evidence: task, people, finds and control points.
@@ -270,30 +336,41 @@ def record_cover(
         InputError: a control point of a run that is not among them, no run, the same run twice, one by another plan,
             plans of different fields or tools, or cells too small for the field.
     """
-    first, plan = plans[0], plans[0].plan
-    _check_plans(plans)
-    _check_runs(plans, runs)
     ordered = sorted(runs, key=lambda run: int(run.utc_ns[0]))
+    _check_runs(plans, ordered)
+    if plans:
+        _check_plans(plans)
+        plan = plans[0].plan
+        ground = _Ground(
+            plan.name,
+            plan.frame,
+            plan.pattern.field,
+            plan.tool,
+            {"name": plan.vehicle_name, "sha256": plan.vehicle_sha256},
+        )
+    else:
+        ground = _ground_of_runs(ordered)
+    ordered = [_in_frame(run, ground.frame) for run in ordered]
     held = Evidence() if evidence is None else evidence
     names = [run.name for run in ordered]
     for number, point in enumerate(held.control_point, start=1):
         if point.run is not None and point.run not in names:
             raise InputError("evidence", f"control_point[{number}].run", "one of " + ", ".join(names), point.run)
     t0_ns = int(ordered[0].utc_ns[0])
-    grid = grid_of_field(plan.pattern.field, cell_m, plan.tool.width_m)
+    grid = grid_of_field(ground.field, cell_m, ground.tool.width_m)
     best = np.zeros(grid.shape, np.float32)
     for run in ordered:
         shared = shared_error(held.control_point, run.name)
-        best = np.maximum(best, probability_of_run(grid, plan.tool, run, progress, shared.sigma_m))
+        best = np.maximum(best, probability_of_run(grid, ground.tool, run, progress, shared.sigma_m))
     numbers = whole_down(best)
     kept = numbers / FULL
     t0 = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t0_ns // 1000)
-    passes, swaths = passes_of_runs(ordered, plan.tool, t0_ns)
+    passes, swaths = passes_of_runs(ordered, ground.tool, t0_ns)
     return WorkedRecord(
-        name=plan.name,
-        frame=plan.frame,
-        perimeter_m=plan.pattern.field.perimeter_m,
-        tool=plan.tool,
+        name=ground.name,
+        frame=ground.frame,
+        perimeter_m=ground.field.perimeter_m,
+        tool=ground.tool,
         t0_utc=t0.isoformat(),
         cells=WorkedCells(
             east_m=grid.east_m,
@@ -311,9 +388,9 @@ def record_cover(
         provenance={
             "program": f"lgprjax {__version__}",
             "step": "cover record",
-            "plan": {"file": first.path.name, "sha256": first.sha256},
-            "other_plans": [{"file": each.path.name, "sha256": each.sha256} for each in plans[1:]],
-            "vehicle": {"name": plan.vehicle_name, "sha256": plan.vehicle_sha256},
+            "plan": None if not plans else told_of_plan(plans[0]),
+            "other_plans": [told_of_plan(each) for each in plans[1:]],
+            "vehicle": ground.vehicle,
             "runs": [{**run.provenance, "plan_sha256": run.plan_sha256} for run in ordered],
             "combined": "the largest probability of any pass of any run, per cell",
             "evidence": evidence_json(held, names),
@@ -368,23 +445,67 @@ def probability_of_run(
     return np.asarray(state.probability)
 
 
+class _Ground(NamedTuple):
+    """What a record is about."""
+
+    name: str
+    frame: LocalFrame
+    field: Field
+    tool: Tool
+    vehicle: dict[str, str]
+
+
+def told_of_plan(plan: PlanFile) -> dict[str, str]:
+    """File and SHA-256, for the provenance."""
+    return {"file": plan.path.name, "sha256": plan.sha256}
+
+
+def _ground_of_runs(runs: Sequence[CoverRun]) -> _Ground:
+    """The convex outline of the passes of runs without a plan, in the frame of the first.
+
+    Raises:
+        InputError: nothing counted in any run.
+    """
+    first = runs[0].without_plan
+    assert first is not None
+    tool, corners = first.tool, [np.zeros((0, 2))]
+    for run in runs:
+        rows = _in_frame(run, first.frame).rows
+        rows = rows[(rows["tool"] & ToolBits.COUNTS) != 0]
+        for ahead, left in ((-0.5, -0.5), (-0.5, 0.5), (0.5, 0.5), (0.5, -0.5)):
+            at = (tool.ahead_m + ahead * tool.length_m, tool.left_m + left * tool.width_m)
+            corners.append(np.stack(body_to_local(rows["x_m"], rows["y_m"], rows["yaw_rad"], *at), axis=1))
+    places = np.concatenate(corners)
+    outline = shapely.MultiPoint(places[np.isfinite(places).all(axis=1)]).convex_hull.simplify(_OUTLINE_M)
+    if outline.geom_type != "Polygon":
+        raise InputError(runs[0].name, "cover", "moments at which the tool worked, with a known heading", "none")
+    # A centimetre more: what the simplification cut off.
+    ring = np.asarray(outline.buffer(_OUTLINE_M, join_style="mitre").exterior.coords)[:-1]
+    return _Ground("no plan", first.frame, field_of_polygon(ring, name=runs[0].name), tool, first.vehicle)
+
+
 def _check_plans(plans: Sequence[PlanFile]) -> None:
     """Cells of two plans coincide only with the same anchor."""
     first = plans[0].plan
     for path, _, plan in plans[1:]:
         if plan.frame != first.frame or plan.tool != first.tool:
-            expected = f"anchor and tool of {plans[0].path.name} (made by --gaps from its record)"
+            expected = f"anchor and tool of {plans[0].path.name} (made by lgprjax cover plan --gaps from its record)"
             raise InputError(path, "plan", expected, "others")
 
 
 def _check_runs(plans: Sequence[PlanFile], runs: Sequence[CoverRun]) -> None:
     if not runs:
-        raise InputError(plans[0].path, "runs", "at least one recorded run", "none")
+        raise InputError(plans[0].path if plans else "runs", "runs", "at least one recorded run", "none")
     known = {plan.sha256 for plan in plans}
+    tool = plans[0].plan.tool if plans else None if runs[0].without_plan is None else runs[0].without_plan.tool
     seen: dict[str, str] = {}
     for run in runs:
-        if run.plan_sha256 not in known:
-            expected = "a run by this plan, or by another one given with --plan"
+        if run.without_plan is not None:
+            if run.without_plan.tool != tool:
+                whose = plans[0].path.name if plans else runs[0].name
+                raise InputError(run.name, "tool", f"the tool of {whose}, {tool}", f"{run.without_plan.tool}")
+        elif run.plan_sha256 not in known:
+            expected = "a run by this plan, by another one given with --plan, or without a plan"
             found = "none named by the run" if run.plan_sha256 is None else f"the plan {run.plan_sha256[:12]}..."
             raise InputError(run.name, "plan", expected, found)
         identity = str(run.provenance["run"])

@@ -44,7 +44,7 @@ def test_every_key_of_the_table_is_a_field_of_the_model_and_changes_it(tmp_path:
 def test_file_of_the_version_before_is_read(tmp_path: Path) -> None:
     path = tmp_path / "x.vehicle.toml"
     write_vehicle(path, _VEHICLE)
-    path.write_text(path.read_text().replace('schema_version = "1.4"', 'schema_version = "1.1"'))
+    path.write_text(path.read_text().replace('schema_version = "1.5"', 'schema_version = "1.1"'))
     assert "1.1" in path.read_text()
     assert read_vehicle(path) == _VEHICLE
 

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import pytest
 
 from lgprjax.cli import main
+from lgprjax.cli.recognised import recognised
+from printed_options import VERBS, unknown_options
 from refusals import Refusal, printed_refusal
 
 
@@ -42,7 +44,18 @@ def run(*words: object) -> Done:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as stopped:
         main([str(word) for word in words])
     assert isinstance(stopped.value.code, int)
-    return Done(stopped.value.code, out.getvalue(), err.getvalue())
+    done = Done(stopped.value.code, out.getvalue(), err.getvalue())
+    _check_options([str(word) for word in words], done)
+    return done
+
+
+def _check_options(words: list[str], done: Done) -> None:
+    """Assert that what a command printed names no option that it, or the verb named with it, does not accept."""
+    given = recognised(words[1:]) if words[:1] == ["import"] else words[1:]
+    verb = next((name for name in VERBS if [*words[:1], *given][: len(name.split())] == name.split()), "")
+    for line in (done.out + done.err).splitlines() if verb and "--help" not in words else ():
+        unknown = unknown_options(line.removeprefix("next: "), verb)
+        assert [each for each in unknown if each not in " ".join(words)] == [], (words, line)
 
 
 def succeed(*words: object) -> str:

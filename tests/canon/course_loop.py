@@ -18,6 +18,7 @@ from lgprjax.runtime.control.core import AnyLoaded, ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.simulation.devices.course_stage import CourseSpec, CourseStage
+from lgprjax.simulation.devices.vehicle import GNSS_SLOW_M
 from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.wire import FrameParser, FrameVerdict, Receiver, RefusedBytes
 
@@ -46,6 +47,7 @@ class OnboardLoop:
         fix_wrong, fix_lost: by the time, how far east and north a fix is wrong, and whether there is none.
         manoeuvre: see ``CourseSpec``.
         fix_match: correlation of every match, and its probability of being false; beyond the risk it is no fix.
+        gnss_slow_m, vehicle: of the devices, see ``CourseSpec``.
 
     Attributes:
         rows: PLAN of every tick; times_ns: of them.
@@ -67,11 +69,13 @@ class OnboardLoop:
         fix_lost: Callable[[float], bool] = lambda _: False,
         fix_match: tuple[float, float] = (0.8, 1e-9),
         seed: int = 1,
+        gnss_slow_m: float = GNSS_SLOW_M,
+        vehicle: dict[str, float] | None = None,
         manoeuvre: dict[str, Any] | None = None,
     ) -> None:
         spec = CourseSpec(
             seed=2, length_m=world.laid.spec.length_m, drive_seed=seed, map="", ports="", truth="", script=script,
-            faults=faults, manoeuvre=manoeuvre or {},
+            faults=faults, gnss_slow_m=gnss_slow_m, vehicle=vehicle or {}, manoeuvre=manoeuvre or {},
         )  # fmt: skip
         self.stage = CourseStage(spec, world, Path("spec.json"), BEGIN_NS)
         self.core = ControlCore(config, loaded, session=77, after_death=False)
@@ -92,7 +96,8 @@ class OnboardLoop:
         self.notes: list[tuple[float, bytes]] = []
         self.held_up: list[tuple[float, float]] = []
         self.tell({"ready": "recorder"})
-        self.tell({"ready": "registration"})
+        if config.ports.radar is not None:
+            self.tell({"ready": "registration"})
 
     def tell(self, note: dict[str, Any]) -> None:
         """What the supervisor says of a process, now."""

@@ -24,7 +24,7 @@ def quick(text: str, path: Path) -> Path:
     Where other tests run beside it the loop may be late; what is shown is that everything fits together.
     """
     text = text.replace("../out/onboard/", "")
-    for name in ("made_up.vehicle.toml", "made_up_flail.vehicle.toml", "field.geojson"):
+    for name in ("made_up.vehicle.toml", "made_up_flail.vehicle.toml", "cart.vehicle.toml", "field.geojson"):
         text = text.replace(f'"{name}"', f'"{ROOT / "onboard" / name}"')
     text += "\n[supervision]\ncontrol_s = 5.0\nothers_s = 20.0\nstart_s = 300.0\n\n[display]\nport = 0\n"
     path.write_text(text, encoding="utf-8")

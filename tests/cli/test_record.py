@@ -14,11 +14,11 @@ import pytest
 from canon.commands import run, succeed
 from canon.map import of_many_grounds
 from canon.record import Recorded, record, write_record
-from cli.processes import ROOT
+from cli.processes import ROOT, quick
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, NavigationTrack, VehicleLog, read_run
 from lgprjax.frames import along_cross
-from lgprjax.mapping import build_map
+from lgprjax.mapping import build_map, open_route, waypoints_of
 from lgprjax.run_records import RecordKind, Source, unpack
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.drive_log import drive_of_run
@@ -83,6 +83,62 @@ def test_its_run_folder_is_a_map_with_a_route(
     assert re.search(r"\d+\.\d m", said)
 
 
+def test_its_run_folder_is_a_route_without_a_map(recorded: Recorded, tmp_path: Path) -> None:
+    vehicle = ROOT / "onboard" / "made_up.vehicle.toml"
+    (listed,) = json.loads(succeed("route", "list", recorded.folder, "--json", "-"))["routes"]
+    assert (listed["route"], listed["ends_where_it_began"]) == ("record", False)
+    whole, length_m = tmp_path / "whole.route.toml", listed["length_m"]
+    succeed("route", "select", recorded.folder, "record", "--vehicle", vehicle, "-o", whole)
+    for suffix in ("csv", "gpx", "geojson"):
+        succeed("route", "export", whole, "-o", tmp_path / f"w.{suffix}")
+        name = "w" if suffix == "csv" else "record"
+        again = tmp_path / f"{suffix}.route.toml"
+        succeed("route", "select", tmp_path / f"w.{suffix}", name, "--vehicle", vehicle, "-o", again)
+        places = []
+        for route in (whole, again):
+            _, laid, source = open_route(route)
+            points = waypoints_of(laid, source)
+            level = np.zeros(len(points.leg))
+            places.append(np.stack(SITE_FRAME.to_local(points.latitude_deg, points.longitude_deg, level)[:2], axis=1))
+        away = np.hypot(*(places[1][:, None] - places[0][None]).transpose(2, 0, 1)).min(axis=1)
+        # Each within half a spacing of a point of the other.
+        assert away.max() < 0.13
+        assert len(places[0]) == pytest.approx(len(places[1]), abs=1)
+
+    # Stretches join to the whole in their order, and in no other.
+    for name, bounds in (("a", (0.0, 15.0)), ("b", (15.0, length_m))):
+        limits = ("--from-m", bounds[0], "--to-m", bounds[1])
+        succeed("route", "select", recorded.folder, "record", *limits, "-o", tmp_path / f"{name}.route.toml")
+    parts = [tmp_path / f"{name}.route.toml" for name in ("a", "b")]
+    assert "2 routes" in succeed("route", "export", *parts, "-o", tmp_path / "joined.gpx")
+    (joined,) = json.loads(succeed("route", "list", tmp_path / "joined.gpx", "--json", "-"))["routes"]
+    assert joined["length_m"] == pytest.approx(length_m, abs=0.3)
+    refusal = run("route", "export", *reversed(parts), "-o", tmp_path / "wrong.gpx").refusal
+    refusal.check("start", 10, 45, file=parts[0])
+    assert not (tmp_path / "wrong.gpx").exists()
+
+
+def test_a_drive_by_gnss_alone_records_a_baseline(tmp_path: Path) -> None:
+    """No map: the simulated course gives waypoints, the vehicle drives them, and its radar's scans are kept."""
+    text = (ROOT / "onboard" / "gnss.run.toml").read_text(encoding="utf-8")
+    text = text.replace('"front_steer.vehicle.toml"', f'"{ROOT / "onboard" / "front_steer.vehicle.toml"}"')
+    text = text.replace("length_m = 150.0", "length_m = 60.0").replace("../out/onboard/", "")
+    radar = 'radar = { url = "socket://127.0.0.1:1" }\n[radar]\nchannel_pitch_m = 0.127\n'
+    text = text.replace("[sensors]", f"{radar}[sensors]")
+    config = quick(text, tmp_path / "gnss.run.toml")
+    figures = json.loads(succeed("run", config, "--simulate", "--lockstep", "--for-s", 90, "--json", "-"))
+    assert figures["tracking_rms_m"] < 0.10
+    assert figures["searched"] == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    with DriveLog.open(folder / "gnss.drive.h5") as log:
+        assert log.scans > 300
+        plan = log.description.plan
+        assert plan is not None
+        assert np.abs(plan["cross_track_m"][plan["speed_mps"] > 3.0]).max() < 0.3048
+    (route,) = json.loads(succeed("route", "list", folder, "--json", "-"))["routes"]
+    assert route["length_m"] > 50.0
+
+
 def test_what_was_recorded_before_a_power_cut_is_kept(recorded: Recorded, tmp_path: Path) -> None:
     cut = tmp_path / "cut"
     shutil.copytree(recorded.folder, cut)
@@ -125,9 +181,10 @@ def test_without_ins_and_radar_there_are_tracks(tmp_path: Path) -> None:
     [
         ([('mode = "record"', 'mode = "record"\nmap = "x.map.h5"')], "map, routes, coverage", "record"),
         ([("gnss = {", "# gnss = {"), ("radar = {", "# radar = {")], "ports", "gnss or radar"),
-        ([('mode = "record"', 'mode = "drive"')], "ports.controller", "record"),
+        ([('mode = "record"', 'mode = "drive"')], "map, routes, coverage", "routes"),
+        ([('mode = "record"', 'mode = "drive"'), ("controller = {", "# controller = {")], "ports.controller", "record"),
     ],
-    ids=["map", "lines", "drive"],
+    ids=["map", "lines", "drive", "controller"],
 )
 def test_configurations_say_what_their_mode_needs(
     tmp_path: Path, changes: list[tuple[str, str]], place: str, named: str

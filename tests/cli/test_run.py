@@ -1,21 +1,23 @@
-"""A drive recorded by hand becomes map and route of a drive by LGPR in snow; its drive log, its replay."""
+"""A whole first day on 60 m with a hidden vehicle, by verbs alone; its drive by LGPR as drive log and replay."""
 
 import json
 import re
+import shutil
 import sys
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from canon.commands import Done, run, succeed
+from canon.calibration import SHORT, calibrated
+from canon.commands import run, succeed
+from canon.first_day import first_day, wrong_fixes
 from canon.map import of_many_grounds
-from canon.record import record
-from cli.processes import ROOT, lgprjax, quick
+from canon.shared import shared_folder
 from lgprjax.cli.simulated_run import _SHOWN
 from lgprjax.formats import VehicleLog
 from lgprjax.mapping import build_map
@@ -23,52 +25,68 @@ from lgprjax.process_cost import count_compiles
 
 
 class Driven(NamedTuple):
-    """A run: its folder, what the command said, the file of its figures."""
+    """A run: its folder, what the command said, its figures."""
 
     folder: Path
-    done: Done
-    figures: Path
+    said: str
+    figures: dict[str, Any]
 
 
-def write_course(folder: Path) -> Path:
-    """A configuration of a short course with a third of the scans; its map and route come from a drive by hand.
+def driven_of(folder: Path, name: str) -> Driven:
+    """A drive of the day."""
+    (run_folder,) = (folder / name).iterdir()
+    figures = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    return Driven(run_folder, (folder / f"{name}.said").read_text(encoding="utf-8"), figures)
 
-    The map's chance is the pooled one of many grounds: measuring its own takes longer than the run.
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files of the day, and nothing else.
+
+    The map's chance is the pooled one of many grounds: measuring its own takes longer than the runs.
     """
-    recorded = record(folder / "first", 30.0, ("scan_share = 6", "scan_share = 3"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
-        succeed("map", "build", recorded.folder, "-o", folder / "first.map.h5")
-    vehicle = ROOT / "onboard" / "made_up.vehicle.toml"
-    words = ("route", "select", folder / "first.map.h5", "record", "--vehicle", vehicle)
-    succeed(*words, "-o", folder / "first.route.toml")
-    text = (ROOT / "onboard" / "simulated.run.toml").read_text(encoding="utf-8")
-    text = text.replace("length_m = 300.0", 'length_m = 60.0\nscan_share = 3\nweather = "snow"')
-    return quick(text.replace("course300", "first"), folder / "short.run.toml")
+    kit = calibrated(tmp_path_factory)
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
+            first_day(folder, SHORT, 60.0, calibrate=lambda to: shutil.copy(kit.vehicle, to / "kit.vehicle.toml"))
+
+    return shared_folder(tmp_path_factory, "first_day", make)
 
 
 @pytest.fixture(scope="module")
-def course(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The configuration, in a folder of its own."""
-    return write_course(tmp_path_factory.mktemp("run"))
+def course(day: Path) -> Path:
+    """The configuration of the drive by LGPR."""
+    return day / "evening.run.toml"
 
 
 @pytest.fixture(scope="module")
-def driven(course: Path) -> Driven:
-    """In lock step: on any machine to the end of the way."""
-    figures = course.parent / "lockstep.json"
-    done = lgprjax("run", str(course), "--simulate", "--lockstep", "--for-s", "90", "--json", str(figures))
-    assert done.status == 0, done.out[-2000:] + done.err[-4000:]
-    return Driven(next((course.parent / "runs").iterdir()), done, figures)
+def driven(day: Path) -> Driven:
+    """The drive by LGPR in snow; the GNSS line fell silent in it."""
+    return driven_of(day, "evening")
+
+
+def test_the_day_ends_with_a_drive_by_the_ground_alone(day: Path, driven: Driven) -> None:
+    noon = driven_of(day, "noon").figures
+    assert noon["tracking_rms_m"] <= 0.10
+    assert noon["scans"] == 0
+    assert driven.figures["tracking_rms_m"] <= 0.14
+    assert driven.figures["engaged_way_m"] > 50.0
+    wrong, fixes = wrong_fixes(day, "evening")
+    assert wrong == 0
+    assert fixes > 300
+    with np.load(driven.folder / "truth.npz") as truth:
+        assert np.hypot(np.ptp(truth["x_m"]), np.ptp(truth["y_m"])) > 40.0
+    assert json.loads(succeed("events", driven.folder, "--json", "-"))["arrived"]
 
 
 def test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course(driven: Driven) -> None:
-    found = json.loads(driven.figures.read_text(encoding="utf-8"))
-    assert found["tracking_rms_m"] < 0.15
+    found = driven.figures
     assert found["period_largest_ms"] == pytest.approx(20.0, abs=0.1)
     # Every figure stands in the table, in words and with its unit.
     assert set(found) <= {name for *_, names in _SHOWN for name in names} | {"modes"}
-    assert re.search(r"│ [0-9.]+ cm, [0-9.]+ cm", driven.done.out)
+    assert re.search(r"│ [0-9.]+ cm, [0-9.]+ cm", driven.said)
     line = json.loads(succeed("events", driven.folder, "--json", "-"))
     assert (line["engaged"], line["arrived"], line["shortfall"], line["end"]) == (True, True, None, "ended")
     modes = [event["mode"] for event in line["events"] if event["kind"] == "mode"]
@@ -78,7 +96,7 @@ def test_in_lock_step_it_arrives_on_any_machine_and_tells_its_course(driven: Dri
 
 
 def test_a_simulated_run_becomes_a_drive_log(driven: Driven, tmp_path: Path) -> None:
-    path = driven.folder / "simulated.drive.h5"
+    path = driven.folder / "evening.drive.h5"
     log = VehicleLog.open(path)
     assert log.vehicle is not None
     assert {"steering_potentiometer_v", "encoder_counts", "throttle", "brake", "mode"} <= set(log.vehicle)

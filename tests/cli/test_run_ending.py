@@ -46,7 +46,7 @@ def test_a_run_that_arrives_early_is_not_ended_while_its_drive_is_written(
 def test_a_recording_without_its_drive_log_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str, status: int
 ) -> None:
-    monkeypatch.setattr(verb, "_supervised", lambda *_: 0)
+    monkeypatch.setattr(verb, "supervised", lambda *_: 0)
     monkeypatch.setattr(verb, "_write_drive", lambda *_: False)
     config: Any = SimpleNamespace(mode=mode, coverage=None)
     assert verb._drive(config, tmp_path, None) == status

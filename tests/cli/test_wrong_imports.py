@@ -97,9 +97,10 @@ def _cmu(row: int, cell: int, text: str) -> None:
     Path("seq/gpr_meas.csv").write_text("\n".join(lines) + "\n")
 
 
-def _gps(fixes: int, first: int = 1) -> None:
+def _gps(fixes: int, first: int = 1) -> Path:
     _lines()
     Path("L1.GPS").write_text(gps_text([[gga(n)] for n in range(fixes)], first=first), newline="")
+    return Path("L1.GPS")
 
 
 def _run_files(scale: float = 1.0) -> None:
@@ -188,25 +189,6 @@ WRONG: dict[str, tuple[Callable[[], object], str, str, tuple[str, ...]]] = {
     ),
     "a line recorded by time": (lambda: _dzt(per_m=0.0), "import a.DZT", "a.DZT: trace spacing", ("--length-m",)),
     # Positions.
-    "too many rows beside a DT1": (
-        lambda: _beside("L1.xyz", 103),
-        "import L1.DT1",
-        "L1.xyz: rows",
-        ("12", "L1.DT1", "103"),
-    ),
-    "too many rows beside a DZT": (
-        lambda: _beside("L1.xyz", 103),
-        "import L1.DZT",
-        "L1.xyz: rows",
-        ("12", "L1.DZT", "103"),
-    ),
-    "too many distances": (lambda: _beside("L1.csv", 30, 2), "import L1.DZT", "L1.csv: rows", ("12", "L1.DZT", "30")),
-    "distances of another line": (
-        lambda: _beside("L1.csv", 5, 2, step=1.0),
-        "import L1.DT1",
-        "L1.csv: rows",
-        ("0.55", "L1.DT1", "4"),
-    ),
     "places in millimetres beside a line": (
         lambda: _beside("L1.xyz", 12, step=50.0),
         "import L1.DT1",
@@ -231,18 +213,17 @@ WRONG: dict[str, tuple[Callable[[], object], str, str, tuple[str, ...]]] = {
         "topo_L1.txt: positions",
         ("UTM", "100000", "900000", "2.36e+06"),
     ),
-    "a receiver's file of a longer line": (
-        lambda: _gps(300),
-        "import L1.DT1",
+    "a receiver's file of a longer line among others": (
+        lambda: (_gps(300), _lines("L2")),
+        "import L1.DT1 L2.DT1",
         "L1.GPS: traces",
         ("12", "L1.DT1", "288", "300"),
     ),
-    "a receiver's file of later traces": (lambda: _gps(30, first=100), "import L1.DT1", "L1.GPS: traces", ("30",)),
     "SEG-Y in degrees that are none": (
         lambda: _segy("a.sgy", x=46.19 * 3600, y=131.0 * 3600, unit=2),
         "import a.sgy",
         "a.sgy: trace spacing",
-        ("--length-m", "46.1902", "131"),
+        ("--length-m", "46.19", "131"),
     ),
     "SEG-Y lines of a grid without its zone": (
         lambda: _segy("a.sgy", "b.sgy", x=360e3, y=511e3, apart=0.5),
@@ -405,6 +386,67 @@ SAID: dict[str, tuple[Callable[[], object], str, str, tuple[str, ...]]] = {
         "note: L1.DT1",
         ("5.50 m", "0.55 m"),
     ),
+    "too many rows beside a DT1": (
+        lambda: _beside("L1.xyz", 103),
+        "import L1.DT1",
+        "note: L1.xyz: not used: rows",
+        ("12", "L1.DT1", "103"),
+    ),
+    "too many rows beside a DZT": (
+        lambda: _beside("L1.xyz", 103),
+        "import L1.DZT",
+        "note: L1.xyz: not used: rows",
+        ("12", "L1.DZT", "103"),
+    ),
+    "too many distances": (
+        lambda: _beside("L1.csv", 30, 2),
+        "import L1.DZT",
+        "note: L1.csv: not used: rows",
+        ("12", "L1.DZT", "30"),
+    ),
+    "distances of another line": (
+        lambda: _beside("L1.csv", 5, 2, step=1.0),
+        "import L1.DT1",
+        "note: L1.csv: not used: rows",
+        ("0.55", "L1.DT1", "4"),
+    ),
+    "a receiver's file of a longer line": (
+        lambda: _gps(300),
+        "import L1.DT1",
+        "note: L1.GPS: not used: traces",
+        ("12", "L1.DT1", "288", "300"),
+    ),
+    "a receiver's file of later traces": (
+        lambda: _gps(30, first=100),
+        "import L1.DT1",
+        "note: L1.GPS: not used: traces",
+        ("30",),
+    ),
+    "a receiver without a fix": (
+        lambda: (_lines(), Path("L1.GPS").write_text(gps_text([[gga(n, quality=0)] for n in range(12)]), newline="")),
+        "import L1.DT1",
+        "note: L1.GPS: not used: positions",
+        ("without fix 12",),
+    ),
+    "a receiver that stood still": (
+        lambda: (_lines(), Path("L1.GPS").write_text(gps_text([[gga(5)], *[[]] * 5, [gga(5)]]), newline="")),
+        "import L1.DT1",
+        "note: L1.GPS: not used: positions",
+        (),
+    ),
+    "a damaged file of a receiver": (
+        lambda: _gps(12).write_bytes(Path("L1.GPS").read_bytes().replace(b"Trace #7", b"Trace x7")),
+        "import L1.DT1",
+        "note: L1.GPS: not used: line 13",
+        (),
+    ),
+    "an empty topography": (
+        lambda: (_lines(), Path("L1.xyz").write_bytes(b"")),
+        "import L1.DT1",
+        "note: L1.xyz: not used: file",
+        (),
+    ),
+    "a header's length and a tape": (_lines, "import L1.DT1 --length-m 5", "note: L1.DT1", ("0.55 m", "5.00 m")),
     "dead traces": (lambda: write_dt1(Path("L1.DT1"), 0 * COUNTS), "import L1.DT1", "note: L1.DT1", ()),
     "a copy": (lambda: _lines("L1", "L2"), "import L1.DT1 L2.DT1 --line-spacing-m 1", "note: L2.DT1", ("L1.DT1",)),
     "a zone of nothing": (_lines, "import L1.DT1 --utm-zone 33N", "note", ("33N",)),

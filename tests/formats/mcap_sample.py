@@ -27,8 +27,8 @@ def curved_description(*, sweeps: bool = False, scans: int = SCANS) -> DriveDesc
     heading = np.mod(350.0 + 8.0 * time_s, 360.0)
     navigation = NavigationTrack(
         time_s,
-        -33.9 + 1e-6 * np.cumsum(rng.normal(1.0, 0.2, len(time_s))),
-        -70.6 - 1e-6 * np.cumsum(rng.normal(1.0, 0.2, len(time_s))),
+        -33.9 + 5e-7 * np.cumsum(rng.normal(1.0, 0.2, len(time_s))),
+        -70.6 - 5e-7 * np.cumsum(rng.normal(1.0, 0.2, len(time_s))),
         540.0 + 0.1 * np.sin(time_s),
         heading,
         3.0 * np.sin(3.0 * time_s),

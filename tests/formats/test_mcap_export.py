@@ -100,6 +100,39 @@ def test_sigmas_that_are_not_stated_are_unknown_covariances(tmp_path: Path) -> N
     assert not np.any([message.orientation_covariance for _, message in found["/gnss/imu"]])
 
 
+_SIGMAS = ("sigma_east_m", "sigma_north_m", "sigma_height_m", "sigma_heading_deg", "sigma_roll_deg")
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "bag", "db3"])
+@pytest.mark.parametrize(
+    "stated",
+    [_SIGMAS[:2], (*_SIGMAS[:2], _SIGMAS[3]), (_SIGMAS[3],), (_SIGMAS[2], _SIGMAS[4]), _SIGMAS[:3], _SIGMAS[3:]],
+)
+def test_each_sigma_that_is_stated_comes_back(stated: tuple[str, ...], suffix: str, tmp_path: Path) -> None:
+    """Of a receiver on a field there is a place and a heading, and neither height nor roll."""
+    values = {name: np.linspace(0.01, 0.4, 5) * (1 + number) for number, name in enumerate(_SIGMAS)}
+    track = replace(make_track(sigmas=False), **{name: values[name] for name in stated})
+    before, after = tmp_path / "a.drive.h5", tmp_path / "b.drive.h5"
+    with DriveWriter.create(
+        before, replace(make_description(), navigation=track), channels=3, dtype=np.uint8
+    ) as writer:
+        writer.append(np.arange(6) * 0.1, np.zeros((6, 3, 8), np.uint8))
+    export_mcap(before, tmp_path / f"a.{suffix}")
+    import_mcap(tmp_path / f"a.{suffix}", output=after)
+    with DriveLog.open(after) as log:
+        found = log.description.navigation
+    for name in _SIGMAS:
+        sigma = getattr(found, name)
+        assert (sigma is not None) == (name in stated), name
+        if sigma is not None:
+            np.testing.assert_allclose(sigma, values[name], rtol=1e-12)
+    if suffix == "mcap":
+        # Filters of other programs need covariances that are positive definite, and large where nothing is known.
+        for _, message in decoded(tmp_path / "a.mcap")["/gnss/fix"]:
+            covariance = np.reshape(message.position_covariance, (3, 3))
+            assert np.all(np.linalg.eigvalsh(covariance) > 0.0) or not message.position_covariance_type
+
+
 @pytest.mark.parametrize("dtype", ["uint8", "int32", "float32", "complex64"])
 def test_there_and_back(tmp_path: Path, dtype: str) -> None:
     before, after = tmp_path / "a.drive.h5", tmp_path / "b.drive.h5"

@@ -8,7 +8,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from lgprjax.formats import RouteFile, Waypoints, load_schema, read_route, route_findings, write_route, write_waypoints
+from lgprjax.formats import (
+    RouteFile,
+    Waypoints,
+    load_schema,
+    read_route,
+    read_waypoints,
+    route_findings,
+    write_route,
+    write_waypoints,
+)
 from refusals import refused
 
 
@@ -37,7 +46,7 @@ def test_what_is_written_is_read_and_paths_follow_the_file(tmp_path: Path) -> No
 
 _WRONG: list[tuple[str, str, str, tuple[object, ...]]] = [
     ('schema = "lgprjax.route"', 'schema = "lgprjax.vehicle"', "@schema", ("lgprjax.route",)),
-    ('schema_version = "1.0"', 'schema_version = "2.0"', "@schema_version", ("2.0",)),
+    ('schema_version = "1.1"', 'schema_version = "2.0"', "@schema_version", ("2.0",)),
     ("from_m = 3.5", "from_m = -1", "from_m", (-1,)),
     ("from_m = 3.5", "from_m = 90", "to_m", (90, 80.25)),
     ("to_m = 80.25", "to_m = nan", "to_m", ("nan",)),
@@ -129,6 +138,59 @@ def test_gpx_has_a_segment_a_leg(tmp_path: Path, waypoints: Waypoints) -> None:
     )
     headings = [each.findtext("g:extensions/g:heading_deg", None, space) for each in points]
     np.testing.assert_allclose([float(each or "nan") for each in headings], waypoints.heading_deg, atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "geojson", "gpx"])
+def test_waypoints_are_read_as_they_were_written(tmp_path: Path, waypoints: Waypoints, suffix: str) -> None:
+    path = tmp_path / f"w.{suffix}"
+    write_waypoints(path, "road", waypoints)
+    (track,) = read_waypoints(path)
+    assert track.name == ("w" if suffix == "csv" else "road")
+    for name in ("latitude_deg", "longitude_deg"):
+        np.testing.assert_allclose(getattr(track, name), getattr(waypoints, name), rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(track.height_m, waypoints.height_m, atol=1e-4)
+    np.testing.assert_allclose(track.heading_deg, waypoints.heading_deg, atol=1e-5)
+    np.testing.assert_array_equal(track.gear, waypoints.gear)
+
+
+def test_waypoints_of_other_programs_need_positions_alone(tmp_path: Path) -> None:
+    texts = {
+        "plain.csv": "longitude_deg, latitude_deg\n-71.0, 42.0\n-71.001, 42.001\n",
+        "bare.geojson": '{"type": "LineString", "coordinates": [[-71.0, 42.0], [-71.001, 42.001]]}',
+        "route.gpx": '<gpx><rte><rtept lat="42.0" lon="-71.0"/><rtept lat="42.001" lon="-71.001"/></rte></gpx>',
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        (track,) = read_waypoints(tmp_path / name)
+        assert track.name == name.partition(".")[0]
+        assert (track.latitude_deg.tolist(), track.longitude_deg.tolist()) == ([42.0, 42.001], [-71.0, -71.001])
+        assert np.isnan(track.height_m).all()
+        assert np.isnan(track.heading_deg).all()
+        assert track.gear.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "place", "values"),
+    [
+        ("w.csv", "lat,lon\n42,-71\n", "columns", ("latitude_deg and longitude_deg", "lat, lon")),
+        ("w.csv", "latitude_deg,longitude_deg\n42,-71\n", "waypoints", ("two", "w: 1")),
+        ("w.csv", "latitude_deg,longitude_deg\n42,-71\n91,-71\n", "w, waypoint 2: latitude_deg", (90, "91")),
+        ("w.csv", "latitude_deg,longitude_deg\n42,-71\n42,\n", "w, waypoint 2: longitude_deg", (180,)),
+        ("w.csv", "latitude_deg,longitude_deg,gear\n42,-71,1\n42,-71,2\n", "w: gear", ("1 or -1", 2)),
+        ("w.gpx", "<gpx><trk>", "file", (".gpx",)),
+        ("w.gpx", "<gpx/>", "waypoints", ("no track",)),
+        ("w.geojson", "[1]", "waypoints", ("no track",)),
+        ("w.geojson", '{"type": "LineString", "coordinates": [1, [2]]}', "w, waypoint 1: latitude_deg", (90,)),
+        ("w.geojson", '{"features": [{"geometry": [1], "properties": 2}, 3]}', "waypoints", ("no track",)),
+        ("w.kml", "", "file name", (".csv", ".geojson", ".gpx")),
+    ],
+)
+def test_wrong_waypoints_are_refused(
+    tmp_path: Path, name: str, text: str, place: str, values: tuple[object, ...]
+) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    with refused(place, *values, file=tmp_path / name):
+        read_waypoints(tmp_path / name)
 
 
 def test_other_suffixes_and_standing_outputs_are_refused(tmp_path: Path, waypoints: Waypoints) -> None:

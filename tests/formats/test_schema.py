@@ -12,7 +12,7 @@ from lgprjax.formats import load_schema
 _CHECKS = {"finite", "increasing", "decreasing", "positive", "non_negative"}
 
 
-@pytest.mark.parametrize("name", ["drive", "map", "fixes", "route", "vehicle", "cover_plan", "worked"])
+@pytest.mark.parametrize("name", ["drive", "map", "fixes", "route", "vehicle", "cover_plan", "worked", "radar"])
 def test_a_schema_is_found_and_consistent(name: str) -> None:
     assert tomllib.loads(schema_text(name))["schema"] == f"lgprjax.{name}"
     assert (Path(__file__).parents[2] / "data_schema" / f"{name}.toml").is_file()

@@ -1,7 +1,6 @@
 """SEG-Y lines, written by segyio and byte by byte: sample types, the interval, coordinates, and bad files."""
 
 import struct
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -79,13 +78,6 @@ def test_coordinate_scalar(tmp_path: Path, scalar: int, factor: float) -> None:
     headers = {71: scalar, 181: 1000 + 7 * np.arange(6), 185: 3}
     profile = read_segy(write_segy(tmp_path / "a.sgy", headers=headers))
     assert profile.spacing_m == pytest.approx(7 * factor)
-
-
-def test_missing_segyio_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_segy(tmp_path / "a.sgy")
-    monkeypatch.setitem(sys.modules, "segyio", None)
-    with refused("SEG-Y", "lgprjax[segy]", file=path):
-        read_segy(path)
 
 
 def test_bad_files_are_refused_and_leave_nothing(tmp_path: Path) -> None:

@@ -1,13 +1,20 @@
 """Positions recorded beside a line: every layout and trap in files written here."""
 
+from collections import Counter
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pynmeagps import NMEAReader
 
 from formats.samples import write_dt1
 from formats.side_samples import cor_row, dzg_text, gga, gps_text, rmc, sentence
 from lgprjax.formats import find_side_files, places_of_traces, read_side_file
+from lgprjax.formats.plausible import ZEROS
+from lgprjax.formats.receiver_files import fix_of_sentence
 from refusals import refused
 
 _PLACES = np.array([[12.5, -1.25, 10.04], [12.5, -1.0, 10.03], [12.75, -0.75, 10.02]])
@@ -168,7 +175,12 @@ def test_bad_receiver_files_are_refused(tmp_path: Path) -> None:
         ("a.cor", row.replace("N", "Q"), "line 1", ("Q",)),
         ("a.cor", row + row.replace("46.2", "96.2"), "line 2", ("96.2",)),
         ("a.cor", row + cor_row(5) + cor_row(4), "line 3", (4, 3)),
-        ("a.cor", cor_row(1, latitude="0.0\tN", longitude="0\tE"), "positions", ("traces 1, without fix 1",)),
+        (
+            "a.cor",
+            cor_row(1, latitude="0.0\tN", longitude="0\tE"),
+            "positions",
+            ("traces 1, without fix 0", f"{ZEROS} 1"),
+        ),
         ("a.cor", "\r\n", "positions", ("traces 0, without fix 0",)),
         ("a.kml", "", "file name", (".xyz", ".csv", ".txt", ".gps", ".dzg", ".cor", ".kml")),
     ]
@@ -178,6 +190,35 @@ def test_bad_receiver_files_are_refused(tmp_path: Path) -> None:
             read_side_file(path)
     with refused("file", file="none.GPS"):
         read_side_file(tmp_path / "none.GPS")
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.integers(0, 89),
+    st.integers(0, 179),
+    st.decimals(0, 59, places=7),
+    st.sampled_from("NS"),
+    st.sampled_from("EW"),
+    st.integers(0, 86_399),
+    st.integers(0, 9),
+    st.sampled_from(["GPGGA", "GNGGA", "GPRMC", "GNRMC"]),
+)
+def test_sentences_are_read_as_by_another_library(
+    latitude: int, longitude: int, minutes: Decimal, north: str, east: str, second: int, quality: int, kind: str
+) -> None:
+    clock = f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.50"
+    place = f"{latitude:02d}{minutes:010.7f},{north},{longitude:03d}{minutes:010.7f},{east}"
+    rest = f"{quality},12,0.8,100.0,M,45.0,M,," if kind.endswith("GGA") else "0.5,90.0,010124,,,A"
+    state = "" if kind.endswith("GGA") else "A,"
+    text = sentence(f"{kind},{clock},{state}{place},{rest}")
+    read, other = fix_of_sentence(text, Counter()), NMEAReader.parse(text.encode())
+    assert read is not None
+    if kind.endswith("GGA") and quality not in (1, 2, 3, 4, 5):
+        assert read[1] is None
+        return
+    assert read[1] is not None
+    np.testing.assert_allclose([read[1].latitude_deg, read[1].longitude_deg], [other.lat, other.lon], atol=1e-9)
+    assert read[1].time_s == second + 0.5
 
 
 def test_dzg_counts_scans_from_zero(tmp_path: Path) -> None:
@@ -193,20 +234,20 @@ def test_dzg_counts_scans_from_zero(tmp_path: Path) -> None:
 @pytest.mark.parametrize("first", [0, 1])
 def test_cor(tmp_path: Path, first: int) -> None:
     rows = [
-        cor_row(first),
+        cor_row(first, latitude="33.5001\tS", longitude="151.2501\tW"),
         cor_row(7, latitude="33.5\tS", longitude="151.25\tW", extra=""),
         cor_row(9, latitude="0.0\tN", longitude="0.0\tE").replace("\t", "  "),
     ]
     positions = read_side_file(_write(tmp_path / "a.cor", "".join(rows)))
     np.testing.assert_array_equal(positions.trace, [0, 7 - first])
-    np.testing.assert_array_equal(positions.x, [12.97, -151.25])
-    np.testing.assert_array_equal(positions.y, [46.2, -33.5])
+    np.testing.assert_array_equal(positions.x, [-151.2501, -151.25])
+    np.testing.assert_array_equal(positions.y, [-33.5001, -33.5])
     np.testing.assert_allclose(positions.z, [130 + first / 100, 130.07])
     assert positions.height == "unstated"
     assert positions.time_s is not None
     assert positions.time_s[1] == 36007
     np.testing.assert_array_equal(positions.hdop, [1.2, np.nan])
-    assert positions.counts == {"rows": 2, "traces": 3, "without fix": 1, "repeated": 0}
+    assert positions.counts == {"rows": 2, "traces": 3, "without fix": 0, ZEROS: 1, "repeated": 0}
 
 
 def test_places_lie_between_the_measured_traces(tmp_path: Path) -> None:
@@ -221,9 +262,9 @@ def test_places_lie_between_the_measured_traces(tmp_path: Path) -> None:
 
 
 def test_places_go_the_short_way_across_the_date_line(tmp_path: Path) -> None:
-    rows = cor_row(1, longitude="179.9\tE") + cor_row(3, longitude="179.9\tW")
+    rows = cor_row(1, longitude="179.9999\tE") + cor_row(3, longitude="179.9999\tW")
     places = places_of_traces(read_side_file(_write(tmp_path / "a.cor", rows)), 3)
-    np.testing.assert_allclose(np.abs(places.x), [179.9, 180.0, 179.9])
+    np.testing.assert_allclose(np.abs(places.x), [179.9999, 180.0, 179.9999])
 
 
 def test_find_side_files(tmp_path: Path) -> None:

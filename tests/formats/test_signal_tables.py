@@ -15,7 +15,7 @@ from lgprjax.formats.signal_tables import import_signals
 from lgprjax.frames import LocalFrame
 from refusals import printed_refusal, refused
 
-_MAP = Path(__file__).parents[2] / "tuning" / "signals.toml"
+SIGNAL_MAP = Path(__file__).parents[2] / "tuning" / "signals.toml"
 _COUNT = 400
 
 
@@ -63,7 +63,7 @@ def check_log(path: Path) -> None:
 
 def test_a_csv_file_becomes_a_drive_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_csv(tmp_path / "a.csv", columns())
-    command = ["import", "signals", str(file), "--columns", str(_MAP), "-o", str(tmp_path / "a.drive.h5")]
+    command = ["import", "signals", str(file), "--columns", str(SIGNAL_MAP), "-o", str(tmp_path / "a.drive.h5")]
     for status in (0, 1):
         with pytest.raises(SystemExit) as stopped:
             main(command)
@@ -82,7 +82,7 @@ def test_a_table_of_another_separator_becomes_the_same(tmp_path: Path, separator
     head, _, rows = text.partition("\n")
     rows = rows.replace(".", ",") if comma else rows
     file.write_text(head + "\n" + rows.replace("\n", f"{separator}\n"))
-    import_signals(file, _MAP, tmp_path / "a.drive.h5")
+    import_signals(file, SIGNAL_MAP, tmp_path / "a.drive.h5")
     check_log(tmp_path / "a.drive.h5")
 
 
@@ -93,7 +93,7 @@ def test_cells_that_are_no_numbers_are_counted(tmp_path: Path) -> None:
         cells = rows[row].split(",")
         rows[row] = ",".join([cells[0], word, *cells[2:]])
     file.write_text("\n".join(rows) + "\n")
-    found = import_signals(file, _MAP, tmp_path / "a.drive.h5")
+    found = import_signals(file, SIGNAL_MAP, tmp_path / "a.drive.h5")
     assert found.signals["speed"] == _COUNT - 5
     assert list(found.left_out) == ["speed"]
     for value in ("3 of 398", "'v_kmh'", "'err'", "row 11"):
@@ -162,7 +162,9 @@ def test_the_example_of_a_parquet_file_is_one(tmp_path: Path) -> None:
         "mode": np.full(_COUNT, 3),
     }
     parquet.write_table(pytest.importorskip("pyarrow").table(table), tmp_path / "a.parquet")
-    found = import_signals(tmp_path / "a.parquet", _MAP.with_name("signals_parquet.toml"), tmp_path / "a.drive.h5")
+    found = import_signals(
+        tmp_path / "a.parquet", SIGNAL_MAP.with_name("signals_parquet.toml"), tmp_path / "a.drive.h5"
+    )
     assert check_file(tmp_path / "a.drive.h5") == []
     assert found.assumed == {"height": "0 m"}
     log = VehicleLog.open(tmp_path / "a.drive.h5")
@@ -201,7 +203,7 @@ def test_the_example_of_a_recording_is_one(tmp_path: Path) -> None:
             ("/battery", "sensor_msgs/msg/BatteryState", at, {"header": header_of(at), "voltage": 24.5}),
         ]
     write_recording(tmp_path / "a.mcap", sorted(messages, key=lambda message: message[2]))
-    found = import_signals(tmp_path / "a.mcap", _MAP.with_name("signals_mcap.toml"), tmp_path / "a.drive.h5")
+    found = import_signals(tmp_path / "a.mcap", SIGNAL_MAP.with_name("signals_mcap.toml"), tmp_path / "a.drive.h5")
     assert check_file(tmp_path / "a.drive.h5") == []
     assert (found.signals["wheel_angle"], found.signals["latitude"], found.assumed) == (400, 40, {})
     log = VehicleLog.open(tmp_path / "a.drive.h5")
@@ -242,7 +244,7 @@ def test_what_is_wrong_is_refused_and_nothing_is_written(
         else:
             table[name] = np.full(_COUNT, value)
     file = write_csv(tmp_path / "a.csv", table)
-    text = _MAP.read_text()
+    text = SIGNAL_MAP.read_text()
     (tmp_path / "m.toml").write_text(text if map_change is None else text.replace(*map_change))
     with refused(place, *values):
         import_signals(file, tmp_path / "m.toml", tmp_path / "a.drive.h5")

@@ -28,6 +28,7 @@ CHANCE = Chance(
     own=True,
     sigma_scale=1.375,
     left_out=41,
+    label_scatter_m=0.03125,
 )
 
 

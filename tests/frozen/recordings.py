@@ -11,7 +11,8 @@ change makes the control loop decide otherwise. Then
 
     PYTHONPATH=.:tests python -m frozen.recordings NAME RUN_FOLDER TICKS FILE...
 
-cuts it down to its first ticks and lays it, with the files that it was driven with, into ``data/NAME/``.
+cuts it down to its first ticks (``course`` to 2,070: later ones obey an older speed cap) and lays it, with the files
+that it was driven with, into ``data/NAME/``.
 """
 
 import hashlib

@@ -36,7 +36,14 @@ class CartDrives(NamedTuple):
 
 
 def draw_cart_drives(
-    *, runs: int, seconds: float, seed: int, on_the_spot: bool, off_s: float = 0.0, every_s: float = 90.0
+    *,
+    runs: int,
+    seconds: float,
+    seed: int,
+    on_the_spot: bool,
+    off_s: float = 0.0,
+    every_s: float = 90.0,
+    fix_sigma_m: float = FIX_SIGMA_M,
 ) -> CartDrives:
     """Drives of lines of 20 m, with GNSS off for the last ``off_s`` of every ``every_s``."""
     rng = np.random.default_rng(seed)
@@ -48,9 +55,9 @@ def draw_cart_drives(
     fix, age, comes = np.full((runs, ticks, 2), np.nan), np.full((runs, ticks), np.nan), np.zeros((runs, ticks), bool)
     keep = np.exp(-1.0 / SLOW_S)
     for run in range(runs):
-        slow = np.sqrt(SLOW_SHARE) * FIX_SIGMA_M * rng.standard_normal(2)
+        slow = np.sqrt(SLOW_SHARE) * fix_sigma_m * rng.standard_normal(2)
         for tick in range(int(rng.integers(1, 10)), ticks, 10):
-            slow = keep * slow + np.sqrt(SLOW_SHARE * (1.0 - keep**2)) * FIX_SIGMA_M * rng.standard_normal(2)
+            slow = keep * slow + np.sqrt(SLOW_SHARE * (1.0 - keep**2)) * fix_sigma_m * rng.standard_normal(2)
             if not heard[tick] or rng.uniform() < 0.03:
                 continue
             # Taken within the tick, or in the one before.
@@ -58,11 +65,11 @@ def draw_cart_drives(
             pose = late * truth[run, tick - 1] + (1.0 - late) * truth[run, tick]
             cos, sin = np.cos(pose[2]), np.sin(pose[2])
             lever = [cos * ANTENNA_X_M - sin * ANTENNA_Y_M, sin * ANTENNA_X_M + cos * ANTENNA_Y_M]
-            white = np.sqrt(1.0 - SLOW_SHARE) * FIX_SIGMA_M * rng.standard_normal(2)
+            white = np.sqrt(1.0 - SLOW_SHARE) * fix_sigma_m * rng.standard_normal(2)
             fix[run, tick] = pose[:2] + lever + slow + white
             age[run, tick], comes[run, tick] = late * STEP_S, True
     single = jnp.float32
-    covariance = np.broadcast_to(FIX_SIGMA_M**2 * np.eye(2), (runs, ticks, 2, 2))
+    covariance = np.broadcast_to(fix_sigma_m**2 * np.eye(2), (runs, ticks, 2, 2))
     fixes = GnssObservation(
         single(fix[..., 0]), single(fix[..., 1]), single(covariance), single(age), jnp.asarray(comes)
     )

@@ -1,5 +1,6 @@
 """A hand cart with GNSS alone, at the source's speeds: what it is sure of is so, and where it may have been turned."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -7,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lgprjax.navigation import (
+    GnssObservation,
     SmoothedCart,
     cart_model,
     cart_rules,
@@ -14,6 +16,8 @@ from lgprjax.navigation import (
     smooth_cart,
     step_cart,
 )
+from lgprjax.navigation.cart_filter import CartModel, cart_pose_covariance
+from lgprjax.navigation.cart_live import LateCart, init_late_cart, late_ticks, step_late_cart
 from navigation.cart_drives import ANTENNA_X_M, ANTENNA_Y_M, STEP_S, CartDrives, draw_cart_drives
 from navigation.skid_drives import ANTENNA_X_M as SKID_X_M
 from navigation.skid_drives import ANTENNA_Y_M as SKID_Y_M
@@ -22,6 +26,36 @@ from navigation.skid_drives import SLIDE_SIGMA_M, draw_field_drives
 MODEL = cart_model(gnss_x_m=ANTENNA_X_M, gnss_y_m=ANTENNA_Y_M)
 RUNS, SECONDS = 16, 400.0
 smoothed = jax.jit(jax.vmap(lambda model, fixes: smooth_cart(model, cart_rules(), STEP_S, fixes), (None, 0)))
+
+
+@partial(jax.jit, static_argnames="ticks")
+def _live(model: CartModel, fixes: GnssObservation, ticks: int) -> tuple[SmoothedCart, SmoothedCart]:
+    def one(fixes: GnssObservation) -> tuple[SmoothedCart, SmoothedCart]:
+        first = jnp.argmax(fixes.valid)
+        start = init_late_cart(model, jnp.nan_to_num(fixes.x_m[first]), jnp.nan_to_num(fixes.y_m[first]), ticks)
+
+        def step(state: LateCart, fix: GnssObservation) -> tuple[LateCart, tuple[SmoothedCart, SmoothedCart]]:
+            state, late = step_late_cart(model, cart_rules(), state, jnp.float32(STEP_S), fix)
+            newest = state.filter.estimate
+            now = SmoothedCart(newest.mean[:3], cart_pose_covariance(model, newest), state.filter.known)
+            return state, (now, late)
+
+        found: tuple[SmoothedCart, SmoothedCart] = jax.lax.scan(step, start, fixes)[1]
+        return found
+
+    return jax.vmap(one)(fixes)
+
+
+def live(model: CartModel, drives: CartDrives) -> tuple[SmoothedCart, SmoothedCart, int]:
+    """Drives as they are known at once, and as they are mapped some ticks later; and how many."""
+    ticks = late_ticks(model, STEP_S)
+    return *_live(model, jax.tree.map(jnp.asarray, drives.fixes), ticks), ticks
+
+
+def late_drives(drives: CartDrives, ticks: int) -> CartDrives:
+    """The truth that a late pose is of: at the start of the oldest tick that waits."""
+    shifted = np.roll(drives.truth, ticks, axis=1), np.roll(drives.on_line, ticks, axis=1)
+    return drives._replace(truth=shifted[0], on_line=shifted[1])
 
 
 class Told(NamedTuple):
@@ -83,6 +117,17 @@ def test_an_inch_and_a_degree_with_gnss_alone() -> None:
     drives = draw_cart_drives(runs=RUNS, seconds=SECONDS, seed=19, on_the_spot=True)
     found = smoothed(MODEL, drives.fixes)
     assert judge(drives, found).known > 0.45
+
+
+def test_live_a_few_seconds_late_it_is_an_inch_and_a_degree() -> None:
+    """And of turns on the spot nothing is told, though the newest heading is wrong until the stop is noticed."""
+    drives = draw_cart_drives(runs=12, seconds=250.0, seed=19, on_the_spot=True)
+    now, late, ticks = live(MODEL, drives)
+    line = judge(late_drives(drives, ticks), late)
+    assert line.known > 0.4
+    newest = told(drives.truth, now, np.ones_like(drives.on_line))
+    assert np.mean(newest.error[:, 2] ** 2 > 16.0 * newest.covariance[:, 2, 2]) > 5e-3
+    assert newest.heading_deg > 2.0 * line.all.heading_deg
 
 
 def test_a_body_that_slides_in_bends_is_told() -> None:

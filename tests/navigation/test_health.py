@@ -107,6 +107,18 @@ def _coarse(sigma_m: float, *, without_lgpr: bool = False, faded: bool = False) 
     return fault
 
 
+def _scattered(sigma_m: float) -> _Fault:
+    """More than the receiver states, without LGPR."""
+
+    def fault(drive: Any) -> None:
+        rng = np.random.default_rng(4)
+        for values in (drive.gnss.x_m, drive.gnss.y_m):
+            values[_LATE] += (sigma_m * rng.normal(size=_TIME_S.size)).astype(np.float32)[_LATE]
+        drive.lgpr.valid[_LATE] = False
+
+    return fault
+
+
 def _heading(change_rad: float) -> _Fault:
     def fault(drive: Any) -> None:
         drive.heading.yaw_rad[_LATE] += np.float32(change_rad)
@@ -145,6 +157,7 @@ _CASES = [
     _Case("4_rtk_float", _coarse(0.4), Reason.GNSS_COARSE, _EPOCH_S, _C),
     _Case("4_rtk_float_faded", _coarse(0.4, faded=True), Reason.LGPR_FADED, 2.0, _D),
     _Case("4_single_without_lgpr", _coarse(2.0, without_lgpr=True), Reason.TOO_UNCERTAIN, 15.0, _S),
+    _Case("4_gnss_scatters_without_lgpr", _scattered(0.04), Reason.GNSS_INCONSISTENT, 3.0, _D),
     _Case("5_gnss_drifts", _shifted("gnss", 0.0, 0.1 * (_TIME_S[_LATE] - _ONSET_S)), Reason.CONFLICT, 10.0, _D),
     _Case("7_clock_stands", _step(0.0), Reason.BAD_STEP, 0.0, _D),
     _Case("7_clock_leaps", _step(1.5), Reason.BAD_STEP, 0.0, _S),
@@ -152,10 +165,11 @@ _CASES = [
     _Case("8_ins_bias_steps", _heading(0.1), Reason.HEADING_REJECTED, 0.2, _D),
     _Case("8_ins_off_without_lgpr", _silent("heading", "lgpr"), Reason.HEADING_LOST, 0.7, _S),
     _Case("9_starts_backwards", _backwards, Reason.HEADING_REJECTED, 2 * TICK_S, _S, onset_s=0.0),
-    _Case("10_scans_missing", _silent("lgpr"), Reason.LGPR_SILENT, 3 * _SCAN_S, _D),
+    _Case("10_scans_missing", _silent("lgpr"), Reason.LGPR_SILENT, 3 * _SCAN_S, _C),
+    _Case("10_scans_missing_rtk_float", _coarse(0.4, without_lgpr=True), Reason.LGPR_SILENT, 3 * _SCAN_S, _D),
     _Case("11_lgpr_at_a_wrong_place", _shifted("lgpr", 1.0, -1.5), Reason.LGPR_REJECTED, 1.0, _D),
     _Case("11_lgpr_stays_there", _shifted("lgpr", 1.0, -1.5), Reason.CONFLICT_LASTS, 11.0, _S),
-    _Case("12_lgpr_fades", _fading, Reason.LGPR_FADED, 2.0, _D),
+    _Case("12_lgpr_fades", _fading, Reason.LGPR_FADED, 2.0, _C),
     _Case("13_gnss_and_lgpr_lost", _silent("gnss", "lgpr"), Reason.POSITION_LOST, 0.6, _S),
     _Case("14_encoder_off", _silent("odometer"), Reason.ODOMETER_SILENT, 0.5, _D),
     _Case("14_encoder_reversed", _reversed_wheels, Reason.ODOMETER_REJECTED, 0.5, _D),
@@ -271,7 +285,7 @@ def test_a_fault_of_gnss_costs_no_speed_while_lgpr_bounds_the_error(told: dict[s
         assert (of.reaction[settled] == _C).all()
         assert np.isinf(of.cap_mps[settled]).all()
         _, cross_m = position_sigma_m(of.estimate)
-        assert float(np.asarray(cross_m)[settled].max()) < float(_RULES.degrade_cross_m)
+        assert float(np.asarray(cross_m)[settled].max()) < float(_RULES.free_cross_m)
 
 
 def test_lgpr_bounds_no_error_while_gnss_contradicts_it(told: dict[str, _Told]) -> None:
@@ -446,6 +460,41 @@ def test_ticks_without_a_match_neither_fade_nor_recover() -> None:
 def test_reacquired_source_degrades() -> None:
     state, info = _sound()
     assert _told_once(state, info._replace(reacquired=info.reacquired.at[0].set(True))) == (Reason.REACQUIRED, _D)
+
+
+@pytest.mark.parametrize(
+    ("cross_m", "cap_mps", "reaction"),
+    [(0.1, np.inf, _C), (0.11, 10.0, _D), (0.125, 4.0, _D), (0.15, 2.0, _D), (0.24, 5.0 / 7.0, _D), (0.26, 0.0, _S)],
+)
+@pytest.mark.parametrize("lacks", ["gnss", "lgpr"])
+def test_the_cap_follows_the_sigma_across_whichever_source_bounds_it(
+    lacks: str, cross_m: float, cap_mps: float, reaction: Reaction
+) -> None:
+    """By hand: 2 m/s times 5 cm over what exceeds 10 cm."""
+    periods = {"gnss": 0.1, "lgpr": 0.2} | {lacks: float("inf")}
+    rules = health_rules(
+        gnss_period_s=periods["gnss"], heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=periods["lgpr"],
+        risk=_RISK,
+    )  # fmt: skip
+    state, info = _sound()
+    covariance = state.estimate.covariance.at[1, 1].set(cross_m**2 * (1.0 - 1e-6))
+    state = state._replace(estimate=state.estimate._replace(covariance=covariance))
+    health = _judged(_SCANS, rules=rules, sound=(state, info))
+    assert float(health.speed_cap_mps[-1]) == pytest.approx(cap_mps, rel=1e-3)
+    assert int(health.reaction[-1]) == reaction
+
+
+def test_without_radar_a_silent_receiver_stops_the_vehicle() -> None:
+    never = float("inf")
+    rules = health_rules(
+        gnss_period_s=0.1, heading_period_s=0.05, odometer_period_s=0.05, lgpr_period_s=never, risk=_RISK
+    )
+    state, info = _sound()
+    gone = jnp.asarray([0.6, 0.0, 0.0, 1e6])
+    gates = state.gates._replace(since_offered_s=gone, since_accepted_s=gone)
+    reasons, reaction = _told_once(state._replace(gates=gates), info, rules=rules)
+    assert reasons == Reason.GNSS_SILENT | Reason.POSITION_LOST
+    assert reaction == _S
 
 
 def test_source_that_the_vehicle_lacks_is_not_missed() -> None:

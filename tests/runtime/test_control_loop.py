@@ -8,10 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.choices import Choices
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.counter_steer import CounterSteer
-from lgprjax.runtime.control.program import Control, SelectedRoute
+from lgprjax.runtime.control.program import Control
 from lgprjax.runtime.control.setup import Loaded
 from lgprjax.runtime.port import Arrival
 
@@ -26,7 +27,7 @@ def process(rings: Path, *, after_death: bool, requests: list[bytes]) -> tuple[A
     control._log, control._state = SimpleNamespace(lost=0, put=log.append), SimpleNamespace(put=lambda _: True)
     control._started = SimpleNamespace(beat=lambda _: None, after_death=after_death)
     control._notifier = SimpleNamespace(watchdog=lambda: None)
-    control._selected = SelectedRoute(rings)
+    control._choices = Choices(rings)
     control._ended = False
     return control, log
 

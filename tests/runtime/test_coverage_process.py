@@ -1,6 +1,7 @@
 """The coverage process: cells of the rows that count and of no others, corners in their file, a map after a death."""
 
 import json
+import math
 import signal
 import time
 from collections.abc import Iterable
@@ -14,8 +15,10 @@ import pytest
 from canon.field import make_field
 from lgprjax.coverage.pattern import driving_time_s
 from lgprjax.coverage.resume import line_arcs_m, place_of_tool, resume_place
-from lgprjax.formats.coverage_files import read_cover_plan, read_field
-from lgprjax.run_records import COVER, Record, RecordKind, Source, pack, unpack
+from lgprjax.formats.coverage_files import read_cover_plan
+from lgprjax.formats.field_files import read_field
+from lgprjax.run_records import COVER, Record, RecordKind, Source, StopBits, pack, unpack
+from lgprjax.runtime.choices import Choices
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.skid.setup import load_skid, place_after_death
 from lgprjax.runtime.coverage import program
@@ -56,12 +59,15 @@ def corner_record(number: int) -> bytes:
 class Process:
     """The process at work on rings of its own, until it has nothing to do."""
 
-    def __init__(self, folder: Path, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(
+        self, folder: Path, run: Path, monkeypatch: pytest.MonkeyPatch, config: str = "small.run.toml"
+    ) -> None:
         rings = run / "rings"
         rings.mkdir(parents=True, exist_ok=True)
         self.cover, self._worked = (Ring.create(rings / name, RINGS[name]) for name in ("cover", "worked"))
         monkeypatch.setattr(signal, "signal", lambda *_: None)
-        self._held = CoverageProcess(Started("coverage", read_config(folder / "small.run.toml"), rings, run, False))
+        self.shapes: list[dict[str, Any]] = []
+        self._held = CoverageProcess(Started("coverage", read_config(folder / config), rings, run, False))
         # Told whenever there is something new, not once a second; idle, it ends.
         monkeypatch.setattr(program, "_TELL_S", 0.0)
 
@@ -77,10 +83,11 @@ class Process:
             assert self.cover.put(record)
         self._held._ended = False
         self._held.run()
-        message = self._worked.latest()
-        assert message is not None
-        found: dict[str, Any] = json.loads(unpack(message).payload)
-        return found
+        found = [json.loads(unpack(message).payload) for message in self._worked.take()]
+        maps = [each for each in found if "shape" not in each]
+        self.shapes = [each for each in found if "shape" in each]
+        newest: dict[str, Any] = maps[-1]
+        return newest
 
 
 def test_what_counts_is_worked_and_nothing_else(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,6 +118,48 @@ def test_what_counts_is_worked_and_nothing_else(folder: Path, tmp_path: Path, mo
     # Another process takes the map up.
     second = Process(folder, tmp_path, monkeypatch)
     assert second.told([cover_record(400, counts=False)])["worked_m2"] == found["worked_m2"]
+
+
+def chosen(level: float) -> bytes:
+    event = json.dumps({"level": level}).encode()
+    return pack(Record(RecordKind.EVENT, Source.CONTROL, 3, 4_000_000_000, event))
+
+
+def test_without_a_plan_the_ground_is_shown_at_the_level_chosen(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process = Process(folder, tmp_path, monkeypatch, "corners.run.toml")
+    rows = [cover_record(number, counts=True) for number in range(160)]
+    usual = process.told(rows)
+    assert 6.0 * 1.1 < usual["worked_m2"] < 8.1 * 1.2
+    assert (usual["level"], usual["plan"], usual["full"]) == (0.95, None, False)
+    assert "field_m2" not in usual
+    (shape,) = process.shapes[-1:]
+    # The map is told once a second, a chosen level at once; the area is less, and so is the tool's shape.
+    monkeypatch.setattr(program, "_TELL_S", 60.0)
+    surer = process.told([chosen(0.996)])
+    assert surer["level"] == 0.996
+    assert surer["worked_m2"] < usual["worked_m2"] - 0.5
+    wide, narrow = (max(left for _, left in each["shape"] or [[0, 0]]) for each in (shape, process.shapes[-1]))
+    assert 0.5 < wide < 0.6
+    assert narrow < wide - 0.03
+    # What it shows outlives it: the cells, and the level, which the control process has kept.
+    Choices(tmp_path / "rings").keep([unpack(chosen(0.996))])
+    again = Process(folder, tmp_path, monkeypatch, "corners.run.toml").told([cover_record(400, counts=False)])
+    assert (again["level"], again["worked_m2"]) == (0.996, surer["worked_m2"])
+
+
+def test_no_shape_is_shown_while_the_heading_is_unknown(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process = Process(folder, tmp_path, monkeypatch, "corners.run.toml")
+    record = unpack(cover_record(1, counts=False))
+    row = np.frombuffer(record.payload, COVER)[0].copy()
+    row["stop"] = StopBits.HEADING
+    process.told([pack(record._replace(payload=row.tobytes()))])
+    shape = process.shapes[-1]
+    assert (shape["shape"], shape["pass_m"]) == ([], [0.0, 0.0])
+    assert shape["sigma_m"] == pytest.approx(math.hypot(0.01, 0.05), abs=1e-4)
 
 
 def test_nothing_is_claimed_across_rows_that_were_lost(

@@ -80,6 +80,7 @@ class Case(NamedTuple):
         gyro_every, heading_at: ticks from one yaw rate to the next; of five ticks the one with a heading.
         heading_off_deg, heading_sigma_deg: how wrong headings are, and what the receiver says of them.
         ins: whether there are headings and yaw rates.
+        wrong: the receiver says zeros in the first second, and another place for two fixes.
     """
 
     control: Silent = Silent()
@@ -90,6 +91,7 @@ class Case(NamedTuple):
     heading_off_deg: float = 0.0
     heading_sigma_deg: float = 0.1
     ins: bool = True
+    wrong: bool = False
 
 
 def _messages(case: Case) -> Iterator[tuple[int, Source, bytes]]:
@@ -119,6 +121,8 @@ def _messages(case: Case) -> Iterator[tuple[int, Source, bytes]]:
             north += TRUTH.y_m[row] + _LEVER_M * math.sin(yaw)
             latitude, longitude, _ = _FRAME.to_geodetic(np.array([east]), np.array([north]), np.zeros(1))
             place = {"lat": float(latitude[0]), "lon": float(longitude[0]), "height": 10_000, "hAcc": 14}
+            place |= {"lat": 0.0, "lon": 0.0} if case.wrong and tick < 50 else {}
+            place |= {"lon": -72.0} if case.wrong and tick in (1500, 1505) else {}
             fix = UBXMessage("NAV", "NAV-PVT", GET, iTOW=itow, fixType=3, gnssFixOk=1, carrSoln=2, **place)
             yield now_ns + 30_000_000, Source.GNSS, bytes(fix.serialize())
 
@@ -171,8 +175,19 @@ def errors_of(folder: Path, tracks: RecordedTracks) -> tuple[np.ndarray, np.ndar
         (Case(receiver=Silent(30.0, 34.0)), 0.6, 55.0),
         (Case(box=Silent(20.0)), 0.3, 59.5),
         (Case(ins=False), 2.0, 40.0),
+        (Case(wrong=True), 0.3, 58.4),
     ],
-    ids=["sound", "phases", "slow gyro", "heading off", "control dead", "receiver restarts", "box dies", "no INS"],
+    ids=[
+        "sound",
+        "phases",
+        "slow gyro",
+        "heading off",
+        "control dead",
+        "receiver restarts",
+        "box dies",
+        "no INS",
+        "wrong places",
+    ],
 )
 def test_poses_are_those_of_the_drive(tmp_path: Path, case: Case, heading_deg: float, covered_s: float) -> None:
     tracks = recorded(tmp_path, case)

@@ -18,10 +18,12 @@ from canon.field_loop import BEGIN_NS, FieldLoop
 from lgprjax.autopilot import Mode
 from lgprjax.autopilot.fence import pad_fence
 from lgprjax.autopilot.modes import Action
+from lgprjax.frames import LocalFrame
 from lgprjax.run_records import RecordKind, StopBits, ToolBits
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.modes import ModeKeeper
+from lgprjax.runtime.control.program import header_record
 from lgprjax.runtime.control.skid.setup import load_skid
 from lgprjax.runtime.control.skid.watches import TEXT, SkidFound
 from lgprjax.simulation.devices import field_stage
@@ -344,6 +346,22 @@ def test_corners_are_marked_by_remote_control_without_a_plan(folder: Path, momen
     assert loop.state["refusal"] != "NONE"
     assert loop.state["refusal_text"] == loop.kind.inhibit_text()
     assert not any(int(row["engage"]) for row in loop.rows)
+
+
+def test_a_relaunched_loop_without_a_plan_keeps_its_frame(folder: Path) -> None:
+    """And states it no second time; its header does, for the record and for a replay."""
+    config, anchor = read_config(folder / "corners.run.toml"), [48.0, 11.0, 500.0]
+    fresh, again = load_skid(config), load_skid(config, anchor=anchor)
+    core = ControlCore(config, again, session=78, after_death=True)
+    assert core.kind.senses.frame == LocalFrame(*anchor)  # type: ignore[attr-defined]
+    assert core.kind.notes() == []
+    headers = [
+        json.loads(header_record(config, loaded, 78, 1, after_death=dead, anchor=at).payload)
+        for loaded, dead, at in ((fresh, False, None), (again, True, anchor))
+    ]
+    assert ["anchor" in header for header in headers] == [False, True]
+    assert headers[1]["anchor"] == anchor
+    assert headers[0]["tool"]["width_m"] == fresh.setup.tool.width_m
 
 
 def test_the_same_records_give_the_same_frames_to_the_bit(moments: Moments) -> None:

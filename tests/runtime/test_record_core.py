@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from pyubx2 import GET, UBXMessage
 
-from lgprjax.run_records import Record, RecordKind, Source, pack
-from lgprjax.runtime.config import PortsTable, PortTable, RuntimeConfig
+from lgprjax.run_records import COVER, Record, RecordKind, Source, ToolBits, pack
+from lgprjax.runtime.choices import Choices
+from lgprjax.runtime.config import CoverageTable, PortsTable, PortTable, RuntimeConfig, read_config
 from lgprjax.runtime.control.record import STATE_TICKS, RecordCore
 from lgprjax.runtime.display.board import Board
+from lgprjax.runtime.preflight import check_recordable
 from lgprjax.runtime.radargram import ROWS, LiveColumns
 from lgprjax.wire import MESSAGES, Sender
+from refusals import refused
 
 _TICK_NS = 20_000_000
 
@@ -144,3 +147,112 @@ def test_the_newest_scan_is_a_column_of_the_page_once() -> None:
     assert board.refused_states == 1
     board.take_scans([])
     assert "column" not in json.loads(board.text(6, 0, with_path=False))
+
+
+CART = """
+schema = "lgprjax.vehicle"
+schema_version = "1.4"
+name = "cart"
+steering_kind = "skid_steer"
+[skid_steer]
+track_m = 0.7
+[tool]
+width_m = 0.5
+length_m = 0.3
+ahead_m = 0.4
+[navigation]
+gnss_x_m = 0.3
+"""
+_LATE_S = 6.0
+
+
+class Cart(Lines):
+    """A hand cart that is pulled north, and what its core gives out."""
+
+    def __init__(self, folder: Path, anchor: list[float] | None = None) -> None:
+        (folder / "cart.vehicle.toml").write_text(CART)
+        config = config_of("gnss").model_copy(
+            update={"file": folder / "cart.run.toml", "vehicle": "cart.vehicle.toml", "coverage": CoverageTable()}
+        )
+        self.core, self.tick, self.now_ns = RecordCore(config, anchor), 0, 10**9
+        self.out: list[Record] = []
+        self._box = Sender(7)
+
+    def covers(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and their times, s."""
+        found = [record for record in self.out if record.kind is RecordKind.COVER]
+        rows = np.array([np.frombuffer(record.payload, COVER)[0] for record in found])
+        return rows, np.array([1e-9 * record.mono_ns for record in found])
+
+    def events(self) -> list[dict[str, Any]]:
+        return [json.loads(record.payload) for record in self.out if record.kind is RecordKind.EVENT]
+
+
+def test_a_hand_cart_is_mapped_where_it_was(tmp_path: Path) -> None:
+    cart = Cart(tmp_path)
+    cart.run(40.0, north_mps=0.4)
+    rows, at_s = cart.covers()
+    counts = (rows["tool"] & ToolBits.COUNTS) != 0
+    # A way of 3.5 m tells the heading, and what is mapped waits for six seconds.
+    assert 40.0 - _LATE_S - counts.sum() / 10.0 == pytest.approx(3.5 / 0.4 + 1.0, abs=3.0)
+    assert np.all(np.diff(at_s) > 0.0)
+    assert at_s[-1] == pytest.approx(cart.now_ns / 1e9 - _LATE_S, abs=0.05)
+    (anchor,) = (event["anchor"] for event in cart.events() if "anchor" in event)
+    start_m = (anchor[0] - 42.0) * 111_194.9
+    # The reference point is 0.3 m behind the antenna; degrees of the receiver are whole 1e-7, 1.1 cm.
+    north = 0.4 * at_s - start_m - 0.3
+    assert np.abs(rows["y_m"] - north)[counts].max() < 0.03
+    assert np.abs(rows["x_m"])[counts].max() < 0.02
+    assert np.abs(rows["yaw_rad"] - np.pi / 2)[counts].max() < 0.02
+    assert np.nanmedian(rows["speed_mps"][counts]) == pytest.approx(0.4, abs=0.02)
+    field = cart.state["field"]
+    assert field["heading_known"]
+    assert 0.0 < field["mapped_sigma_m"] < field["sigma_m"] < 0.1
+    assert 0.0 < field["mapped_sigma_heading_deg"] < field["sigma_heading_deg"] < 5.0
+    assert field["mapped_after_s"] == pytest.approx(_LATE_S)
+    # It stands, and may be turned on the spot unseen: nothing from there on counts.
+    cart.out.clear()
+    stood_s = cart.now_ns / 1e9
+    for _ in range(100):
+        cart.run(0.1, north_mps=0.4 * stood_s / (cart.now_ns / 1e9 + 0.1))
+    rows, at_s = cart.covers()
+    assert not ((rows["tool"] & ToolBits.COUNTS) != 0)[at_s > stood_s].any()
+
+
+def test_a_cart_that_is_taken_up_keeps_its_frame_and_its_level(tmp_path: Path) -> None:
+    """Of a process that died: kept in memory, asked for again."""
+    first = Cart(tmp_path)
+    asked = json.dumps({"select_level": 0.99}).encode()
+    request = Record(RecordKind.REQUEST, Source.DISPLAY, 1, first.now_ns, asked)
+    first.run(1.0)
+    first.out += first.core.step(first.tick + 1, first.now_ns, [request])
+    wrong = request._replace(payload=json.dumps({"select_level": 1.5}).encode())
+    first.out += first.core.step(first.tick + 2, first.now_ns, [wrong])
+    assert first.events()[-2] == {"level": 0.99}
+    assert first.events()[-1]["refused"] == "level"
+    choices = Choices(tmp_path)
+    choices.keep([record for record in first.out if record.kind is RecordKind.EVENT])
+    again = Choices(tmp_path)
+    assert again.level == 0.99
+    assert [json.loads(record.payload) for record in again.again()] == [{"select_level": 0.99}]
+    second = Cart(tmp_path, again.anchor)
+    second.run(2.0, north_mps=5.0)
+    assert second.core.frame == first.core.frame
+    assert not [event for event in second.events() if "anchor" in event]
+
+
+def test_a_cart_has_a_receiver_and_a_tool_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "cart.vehicle.toml").write_text(CART)
+    text = 'name = "c"\nmode = "record"\nvehicle = "cart.vehicle.toml"\n[coverage]\n{}\n[ports]\n'
+    file = tmp_path / "cart.run.toml"
+    gnss, box = 'gnss = { url = "/dev/null" }\n', 'drive_by_wire = { url = "/dev/null" }\n'
+    file.write_text(text.format("") + gnss)
+    assert check_recordable(read_config(file)).endswith("0.5 m wide")
+    for wrong in (text.format("") + gnss + box, text.format('plan = "x.cover.geojson"') + gnss, text.format("") + box):
+        file.write_text(wrong)
+        with refused("map, routes, coverage", file=file):
+            read_config(file)
+    file.write_text(text.format("") + gnss)
+    (tmp_path / "cart.vehicle.toml").write_text(CART.replace("width_m = 0.5", ""))
+    with refused("tool.width_m", file=tmp_path / "cart.vehicle.toml"):
+        check_recordable(read_config(file))

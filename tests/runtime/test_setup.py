@@ -1,10 +1,13 @@
 """What a run is loaded from: a route that cannot be driven is kept with its reason, a file of no use refused."""
 
+import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from canon.course import ROOT
 from lgprjax.runtime.config import RuntimeConfig, read_config, write_config
 from lgprjax.runtime.control.setup import load
 from refusals import refused
@@ -72,6 +75,11 @@ def test_a_missing_map_and_a_vehicle_without_its_numbers_are_refused(folder: Pat
         ("[recording]", "[recordings]", "recordings"),
         ("gnss_delay_s = 0.03", "gnss_delay_s = 0.03\nheading_sigma_deg = inf", "sensors.heading_sigma_deg"),
         ("[recording]", "[supervision]\ncontrol_s = 200\n[recording]", "supervision.control_s"),
+        ('radar = { url = "socket://127.0.0.1:1" }', "", "map, routes, coverage"),
+        ('routes = ["course.route.toml"]', "", "map, routes, coverage"),
+        ("[control]", "[control]\ncross_sigmas_m = [0.1, 0.3, 0.2]", "control.cross_sigmas_m"),
+        ("[control]", "[control]\ncross_sigmas_m = [0.1, 0.2]", "control.cross_sigmas_m"),
+        ("[control]", "[control]\nslow_mps = 0.0", "control.slow_mps"),
     ],
 )
 def test_a_configuration_that_is_wrong_names_the_place(folder: Path, old: str, new: str, place: str) -> None:
@@ -79,6 +87,19 @@ def test_a_configuration_that_is_wrong_names_the_place(folder: Path, old: str, n
     file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     with refused(place, file=file):
         read_config(file)
+
+
+def test_without_a_map_the_frame_is_that_of_the_route_and_the_radar_may_stay(folder: Path) -> None:
+    text = (folder / "course.run.toml").read_text(encoding="utf-8").replace('map = "course.map.h5"\n', "")
+    shutil.copy(ROOT / "onboard" / "front_steer.vehicle.toml", folder / "rtk.vehicle.toml")
+    text = re.sub(r'vehicle = ".*"', 'vehicle = "rtk.vehicle.toml"', text, count=1)
+    (folder / "rtk.run.toml").write_text(text, encoding="utf-8")
+    config = read_config(folder / "rtk.run.toml")
+    assert config.ports.radar is not None
+    loaded, with_map = load(config), load(read_config(folder / "course.run.toml"))
+    assert loaded.frame == with_map.frame
+    assert set(loaded.hashes) == {"rtk.vehicle.toml", "course.route.toml"}
+    assert np.isinf(float(loaded.setup.navigator.health.silent_s[3]))
 
 
 def test_a_configuration_written_with_absolute_paths_is_the_same(folder: Path) -> None:

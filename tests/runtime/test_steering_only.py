@@ -154,19 +154,16 @@ def test_without_gnss_and_scans_it_hands_over_at_once_and_loudly(ways: dict[floa
 
 
 def test_above_the_limit_the_operator_is_told_to_slow_down_and_then_has_the_wheels(ways: dict[float, Moment]) -> None:
-    """Without scans it may be driven at 2 m/s; the operator goes on at four, or slows down in taps of the brake."""
-
-    def lose_fixes(loop: OnboardLoop) -> None:
-        loop._lost = lambda _: True
-
-    fast = follow(ways[70.0], ABOVE_S + 2.0, change=lose_fixes)
+    """At a low supply it may be driven at 2 m/s; the operator goes on at four, or slows down in taps of the brake."""
+    low = [{"kind": "servo_weak", "supply_v": 16.0, "for_s": 60.0}]
+    fast = follow(ways[70.0], ABOVE_S + 2.0, faults=low)
     capped_s = fast.when(lambda row: float(row["wanted_mps"]) <= 2.0)
     assert capped_s < 1.0
     assert hand_over_s(fast.loop, fast.first) == pytest.approx(capped_s + ABOVE_S, abs=0.1)
     assert fast.watch(Watch.ABOVE_LIMIT) == pytest.approx(capped_s + ABOVE_S, abs=0.1)
-    assert any('"slow": ["no scans' in told for _, told in fast.loop.events)
+    assert any('"slow": ["supply' in told for _, told in fast.loop.events)
     presses_nothing(fast.loop)
-    slow = follow(ways[70.0], ABOVE_S + 4.0, change=lose_fixes, script=[{"do": "drive", "speed_mps": 1.7}])
+    slow = follow(ways[70.0], ABOVE_S + 4.0, faults=low, script=[{"do": "drive", "speed_mps": 1.7}])
     assert hand_over_s(slow.loop, slow.first) == math.inf, slow.told
     presses_nothing(slow.loop)
 

@@ -1,18 +1,24 @@
 """Sweeps over the wire are the same numbers as sweeps from a drive log: calibrated, looked up, dead channels found."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from lgprjax.batch.recording import SweepDrive
-from lgprjax.formats import DriveLog, SweepRecording, complex_rows
-from lgprjax.radar import ChannelResponse, sweep_chain
+from lgprjax.formats import DriveLog, SweepRecording, complex_rows, read_vehicle, write_radar_calibration
+from lgprjax.radar import sweep_chain
+from lgprjax.registration import TRACK_SCANS
+from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.registration.scans import (
-    LookUpSweeps,
     RadarDescription,
+    RadarSelf,
     SweepDescription,
     SweepReader,
     TraceReader,
 )
+from lgprjax.runtime.registration.search import reader_of
 from lgprjax.wire import Frame, Sender, Value, decode
 from refusals import refused
 from runtime.swept_log import write_swept_log
@@ -49,6 +55,46 @@ def _recording(log: DriveLog) -> SweepRecording:
     return log.description.recording
 
 
+def _config(folder: Path, radar: str) -> RuntimeConfig:
+    lines = '[ports.{}]\nurl = "socket://127.0.0.1:1"\n'
+    ports = "".join(lines.format(name) for name in ("drive_by_wire", "controller", "gnss", "radar"))
+    named = 'name = "x"\nvehicle = "v.vehicle.toml"\nmap = "m.map.h5"\nroutes = ["r.route.toml"]\n'
+    (folder / "x.run.toml").write_text(f"{named}{ports}[radar]\n{radar}\n", encoding="utf-8")
+    return read_config(folder / "x.run.toml")
+
+
+def test_a_calibration_replaces_what_radar_and_vehicle_file_say(log: DriveLog, tmp_path: Path) -> None:
+    """Other look-up and delays than the radar's; a channel that could not be calibrated is not used."""
+    known, radar = _recording(log), SweepDescription(_CHANNELS, _STEPS, 1e8, 5e6, 12.0, 1.0 / 126.0)
+    assert known.channel_delay_ns is not None
+    made = replace(known, channel_delay_ns=-known.channel_delay_ns, lookup_sweeps=0.5 * known.lookup_sweeps)
+    made = replace(made, channel_valid=np.arange(_CHANNELS) != 1)
+    write_radar_calibration(tmp_path / "own.radar.h5", made, {})
+    vehicle = read_vehicle(Path(__file__).parents[2] / "onboard" / "made_up.vehicle.toml")
+    config, frames = _config(tmp_path, 'calibration = "own.radar.h5"'), _frames(log, 8)
+    said = RadarSelf(calibrated=True)
+    sender = Sender(9)
+    rows: dict[str, Value] = {"rows": _CHANNELS + 1, "steps": _STEPS, "width": 8, "scale": 1.0}
+    described = {"channels": _CHANNELS, "steps": _STEPS, "first_khz": 100_000, "step_khz": 5000}
+    told = {**described, "group_delay_ps": 12_000, "scan_period_us": 7937}
+    said.take(decode(sender.frame("radar_sweep_description", told, mode=0, mono_ns=0)))
+    assert said.complete
+    for level in (1.0, 2.0):  # a look-up that changes does not matter
+        data = np.full(2 * _STEPS * (_CHANNELS + 1), level, "<f4").tobytes()
+        said.take(decode(sender.frame("radar_lookup", {**rows, "data": data}, mode=0, mono_ns=1)))
+    recorded, valid = reader_of(config, vehicle, radar, said.lookup).read(frames[:TRACK_SCANS])
+    other, usable = SweepReader(radar, made, TRACK_SCANS, "").read(frames[:TRACK_SCANS])
+    assert not valid[:, 1].any()
+    np.testing.assert_array_equal(valid, usable)
+    np.testing.assert_allclose(recorded, other, rtol=1e-6)
+    with refused("sweeps", "51 steps", found=f"{_STEPS} steps", file="own.radar.h5"):
+        reader_of(config, vehicle, radar._replace(steps=51), None)
+    with refused("radar.calibration", file="x.run.toml"):
+        reader_of(config, vehicle, RadarDescription(_CHANNELS, 369, 0.1, 5.0, 127.5, 1.0 / 126.0), None)
+    with refused("radar.look_up", found="true"):
+        _config(tmp_path, 'calibration = "own.radar.h5"\nlook_up = true')
+
+
 def _frames(log: DriveLog, width: int) -> list[Frame]:
     sweeps, calibration, _ = log.read_sweeps(0, log.scans)
     sender, frames = Sender(9), []
@@ -66,9 +112,7 @@ def _frames(log: DriveLog, width: int) -> list[Frame]:
 def _reader(log: DriveLog, **changes: int) -> SweepReader:
     known = _recording(log)
     radar = SweepDescription(_CHANNELS, _STEPS, 1e8, 5e6, 12.0, 1.0 / 126.0)._replace(**changes)
-    lookup = LookUpSweeps(known.lookup_sweeps, known.lookup_calibration_sweep)
-    response = ChannelResponse(known.response.gain, known.response.delay_ns)
-    return SweepReader(radar, lookup, response, _BLOCK, "socket://radar:1")
+    return SweepReader(radar, known, _BLOCK, "socket://radar:1")
 
 
 @pytest.mark.parametrize(("width", "off"), [(8, 1e-6), (4, 2e-3)])

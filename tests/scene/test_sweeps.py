@@ -126,7 +126,7 @@ def test_interference_meets_its_own_step_in_every_live_channel() -> None:
 
 def test_the_plate_is_a_mirror_half_a_metre_down() -> None:
     flat = Response(*(np.array(a, np.float32) for a in ([1.0], [0.0], [1.0], [[0.5, -0.2, 0.1]])))
-    start = start_of_day(PLAN, drive_over(GROUND).radar, flat, 0.0, 1, plate_m=0.5)
+    start = start_of_day(PLAN, drive_over(GROUND).radar, flat, 0.0, 1)
     reference = (start.plate / start.plate_calibration - start.empty / start.empty_calibration)[0]
     echo = reference * calibration_path(PLAN)
     expected = -1 / (2 * 0.5) * np.exp(-2j * np.pi * PLAN.frequency_mhz * 1e-3 * 2 * 0.5 / 0.299792458)

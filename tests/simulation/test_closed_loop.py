@@ -130,9 +130,9 @@ def test_a_minute_without_radar_is_driven_on_rtk(drive: Drive) -> None:
     assert driven.first(Reason.LGPR_SILENT) < 2.0
     assert driven.reaction_after(2) == float("inf")
     gone = slice(_AT + 63, _AT + round(60.0 / _SPEC.tick_s))
-    assert driven.tick.speed_mps[gone].mean() < 2.6  # the cap of a degraded drive
-    # With the radar back the speed is too.
-    assert driven.tick.reaction[-10:].max() == 0
+    # RTK of 3 cm bounds the error: no reason to slow down, and no jolt when the radar is back.
+    assert driven.tick.speed_mps[gone].mean() > 4.0
+    assert driven.reaction_after(1) == float("inf")
 
 
 def test_fading_ground_degrades(drive: Drive) -> None:
@@ -157,7 +157,7 @@ def test_strong_matches_that_any_ground_would_give_are_no_fixes(drive: Drive) ->
     driven = drive(alike, p_false=9e-5)
     assert driven.first(Reason.LGPR_FADED) < 2.5
     assert not driven.tick.fix[_AT:].any()
-    assert driven.tick.speed_mps[_AT + 63 :].mean() < 2.6
+    assert driven.tick.speed_mps[_AT + 63 :].mean() > 4.0
 
 
 def test_fixes_on_a_wrong_place_are_left_out(drive: Drive) -> None:

@@ -23,6 +23,17 @@ PATH = [[60.0 + 0.6 * i, 10.0 + 12.0 * math.sin((0.6 * i - 40.0) / 25.0)] for i 
 YAW_RAD = math.atan(12.0 / 25.0)
 PLACE: dict[str, Any] = {"path": PATH, "pose": [100.0, 10.0, YAW_RAD], "gnss_pose": [101.2, 11.1, YAW_RAD]}
 REFUSED = READY | PLACE | {"refusal": "OFF_ROUTE", "refusal_text": "the vehicle is 14 m beside the route"}
+_LOOP = [[100.0 + 25.0 * math.cos(0.1 * i), 30.0 + 20.0 * math.sin(0.1 * i)] for i in range(-10, 25)]
+TWICE = READY | PLACE | {
+    "refusal": "AMBIGUOUS",
+    "refusal_text": "the route passes here more than once",
+    "places": [
+        {"place": "66.2 m along", "to_go_m": 345.8, "ahead": PATH[66:110]},
+        {"place": "231.0 m along", "to_go_m": 181.0, "ahead": _LOOP},
+    ],
+    "taken": None,
+}  # fmt: skip
+ALONE = READY | PLACE | {"lgpr": False, "bounded_by": ["GNSS"], "sigma_cross_m": 0.021, "places": []}
 ERROR = DRIVING | PLACE | {
     "mode": "ERROR",
     "faults": ["DRIVE_BY_WIRE"],
@@ -163,6 +174,45 @@ WORKED = {
     "worked_m2": 90.0,
     "field_m2": 600.0,
 }
+
+# A field without a plan, driven by remote control: what is worked, and the tool with the part of it that is claimed.
+OPEN_FIELD = FIELD | {
+    "mode": "READY",
+    "route": None,
+    "set_speed_mps": None,
+    "cross_track_m": None,
+    "to_go_m": None,
+    "pose": [8.8, 2.1, -0.01],
+    "gnss_pose": [8.8, 2.1, 0.0],
+    "path": [[0.4 * step, 0.1] for step in range(26)] + [[10.4 - 0.4 * step, 1.1] for step in range(26)],
+    "refusal": "NO_PATH",
+    "refusal_text": "no plan: the ground is recorded while you drive",
+    "field": FIELD["field"] | {
+        "perimeter": [], "fence": [], "line": None, "lines": 0, "told_on": False, "gnss": "fixed", "gnss_age_s": 0.4
+    },
+}  # fmt: skip
+OPEN_WORKED: dict[str, Any] = {
+    "east_m": 0.0,
+    "north_m": -0.5,
+    "block_m": 0.1,
+    "runs": [[row, 12, 80] for row in range(10)] + [[row, 2, 80] for row in range(10, 20)],
+    "level": 0.95,
+    "levels": [0.9, 0.95, 0.99, 0.996],
+    "worked_m2": 15.08,
+    "full": False,
+    "plan": None,
+}
+_ROUND = [2.0 * math.pi * step / 48 for step in range(48)]
+OPEN_SHAPE: dict[str, Any] = {
+    "shape": [
+        [1.2 + 0.06 * math.copysign(abs(x) ** 0.3, x), 0.505 * math.copysign(abs(y) ** 0.3, y)]
+        for x, y in ((math.cos(angle), math.sin(angle)) for angle in _ROUND)
+    ],
+    "tool": [1.2, 0.0, 0.15, 0.6],
+    "pass_m": [-0.509, 0.509],
+    "level": 0.95,
+    "sigma_m": 0.0548,
+}  # fmt: skip
 
 PLAN: dict[str, object] = {
     "swaths": [[30.0 * (line % 2), 0.6 + line, 30.0 * (1 - line % 2), 0.6 + line] for line in range(20)],

@@ -13,6 +13,9 @@ from validation.loops.browsed_page import (
     FIELD,
     LISTEN,
     NAMED,
+    OPEN_FIELD,
+    OPEN_SHAPE,
+    OPEN_WORKED,
     PLACE,
     PLAN,
     PLANNED,
@@ -36,6 +39,19 @@ def test_everything_is_on_the_screen(
 ) -> None:
     show(served, tab, state, size)
     everything_is_shown(tab, size)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("state", [FIELD, OPEN_FIELD], ids=["plan", "no plan"])
+def test_the_tool_at_a_level_fits_beside_all_else(
+    served: ServedPage, tab: Tab, state: dict[str, Any], size: tuple[int, int]
+) -> None:
+    served.show_worked(OPEN_WORKED)
+    served.shape = OPEN_SHAPE
+    show(served, tab, state, size)
+    tab.wait_for("document.querySelectorAll('#levels button').length === 4")
+    everything_is_shown(tab, size)
+    served.shape = None
 
 
 @pytest.mark.parametrize("size", [(360, 740), (768, 1024), (1280, 800), (1920, 1080)])

@@ -4,10 +4,23 @@ import json
 import re
 from pathlib import Path
 
-from cli.processes import lgprjax
-from cli.test_run import write_course
+from canon.commands import succeed
+from canon.record import record
+from cli.processes import ROOT, lgprjax, quick
 from lgprjax.formats import read_run
 from lgprjax.run_records import RecordKind, unpack
+
+
+def write_course(folder: Path) -> Path:
+    """A configuration of a short course with a third of the scans; its map and route come from a drive by hand."""
+    recorded = record(folder / "first", 30.0, ("scan_share = 6", "scan_share = 3"))
+    succeed("map", "build", recorded.folder, "-o", folder / "first.map.h5")
+    words = ("route", "select", folder / "first.map.h5", "record")
+    vehicle = ROOT / "onboard" / "made_up.vehicle.toml"
+    succeed(*words, "--vehicle", vehicle, "-o", folder / "first.route.toml")
+    text = (ROOT / "onboard" / "simulated.run.toml").read_text(encoding="utf-8")
+    text = text.replace("length_m = 300.0", "length_m = 60.0\nscan_share = 3")
+    return quick(text.replace("course300", "first"), folder / "short.run.toml")
 
 
 def test_in_real_time_nothing_is_compiled_once_a_process_is_ready(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.profile import Assumed
 from lgprjax.formats.survey_track import TRACK_ASSUMED, check_utm, time_zero_assumed, utm_projection
+from lgprjax.formats.travel import smoothed_travel
 from lgprjax.radar.array import ArrayGeometry
 
 _BLOCK_SCANS = 4096
@@ -79,10 +80,11 @@ def import_grounded(
         positions_m = positions_m[:, ::-1]
     forward = _forward(positions_m, motion_m)
     time_s = np.arange(scans) / scan_rate_hz
+    travelled = smoothed_travel(time_s, _travel_m(positions_m.mean(axis=1), forward))
     assumed: Assumed = {
         "time": f"{scan_rate_hz:g} scans a second, as given; the date is unknown",
         **time_zero_assumed(time_zero_ns, samples * sample_interval_ns),
-        "odometry": "from the positions",
+        "odometry": travelled.in_words(),
         "height": "taken as 0",
         **TRACK_ASSUMED,
     }
@@ -95,7 +97,7 @@ def import_grounded(
         array=_array(folder, positions_m, forward),
         recording=TraceRecording(sample_interval_ns, time_zero_ns, zero_level, None, samples),
         navigation=_track(projection, positions_m.mean(axis=1), forward, time_s),
-        odometry=OdometryTrack(time_s, _travel_m(positions_m.mean(axis=1), forward)),
+        odometry=OdometryTrack(time_s, travelled.distance_m),
         truth=None,
         vehicle=None,
         provenance={

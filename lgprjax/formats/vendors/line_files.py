@@ -12,10 +12,19 @@ from jaxtyping import Float, Num
 
 from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import at_time_zero, check_time_zeros
-from lgprjax.formats.profile import Profile, TextHeader, companion, count_traces, named_frequency_hz, read_bytes
+from lgprjax.formats.profile import (
+    Profile,
+    TextHeader,
+    check_channel,
+    companion,
+    count_traces,
+    named_frequency_hz,
+    read_bytes,
+)
 
 _HEADER_BYTES = 1024
 _MARK_SAMPLES = 2
+_CHOICE = ", or --channel for one of them"
 # No quantity of a header is as large or, above zero, as small: such a value is damaged.
 _LARGEST, _SMALLEST = 1e12, 1e-12
 # Stored type, and its value for no signal.
@@ -41,49 +50,62 @@ class _Header(NamedTuple):
     antenna: str
 
 
-def read_dzt(path: str | Path, *, partial: bool = False) -> Profile:
+def read_dzt(path: str | Path, *, channel: int | None = None, partial: bool = False) -> Profile:
     """Read one ``.DZT`` file of one or several channels.
 
     8- and 16-bit samples are offset binary, 32-bit ones signed; all are returned signed. The first two samples of a
     trace are marks: they read as zero. Channels are interleaved trace by trace. A line without scans a metre was
-    recorded by time, and the antenna's name may be empty.
+    recorded by time, and the antenna's name may be empty. Where a later channel's header is not filled in, the first
+    one counts for it (``Profile.notes``).
 
     Args:
         path: the file.
+        channel: the only one to read, from 0: two antennas may have different time ranges.
         partial: read the intact traces (of all channels) of a file that ends too early; ``Profile.cut`` then gives
             their number.
 
     Raises:
-        InputError: the file is missing, truncated or of another format, or its header is invalid.
+        InputError: the file is missing, truncated or of another format, its header is invalid, or channels have
+            different time ranges and none is chosen, or it has no such channel.
     """
     file = Path(path)
     data = read_bytes(file)
     header = _read_header(file, data, 0)
     _check_header(file, header)
     offset = _data_offset(file, header)
-    for channel in range(1, header.channels):
-        other = _read_header(file, data, channel)
-        shared = ("samples", "bits", "position_ns", "range_ns")
-        wrong = [name for name in shared if getattr(other, name) != getattr(header, name)]
-        if wrong:
-            place = f"header of channel {channel}, {wrong[0]}"
-            raise InputError(file, place, f"{getattr(header, wrong[0])} as in channel 0", f"{getattr(other, wrong[0])}")
+    check_channel(file, channel, header.channels)
+    chosen = range(header.channels) if channel is None else range(channel, channel + 1)
+    headers, notes = [], []
+    for each in chosen:
+        own = _read_header(file, data, each)
+        if not _is_filled_in(own):
+            notes.append(f"{file.name}: the header of channel {each} is not filled in: that of channel 0 was used")
+            own = header._replace(antenna=own.antenna)
+        headers.append(own)
+    for each, own in zip(chosen, headers, strict=True):
+        for name, choice in (("samples", ""), ("bits", ""), ("position_ns", _CHOICE), ("range_ns", _CHOICE)):
+            first = getattr(headers[0] if choice else header, name)
+            if getattr(own, name) != first:
+                place = f"header of channel {each}, {name}"
+                raise InputError(file, place, f"{first} as in channel 0{choice}", f"{getattr(own, name)}")
     dtype, _ = _STORED[header.bits]
     scan_bytes = header.channels * header.samples * dtype.itemsize
     whole, cut = count_traces(file, len(data) - offset, scan_bytes, said=None, partial=partial)
     values = np.frombuffer(data, dtype=dtype, offset=offset, count=whole * header.channels * header.samples)
-    stored = values.reshape(whole, header.channels, header.samples)
+    stored = values.reshape(whole, header.channels, header.samples)[:, chosen.start : chosen.stop]
+    own = headers[0]
     spacing_m = 1.0 / header.scans_per_m if header.scans_per_m else None
     return Profile(
         path=file,
         channels=_signed(stored, header.bits),
-        sample_interval_ns=header.range_ns / header.samples,
-        time_zero_ns=0.0 - header.position_ns,
+        sample_interval_ns=own.range_ns / header.samples,
+        time_zero_ns=0.0 - own.position_ns,
         spacing_m=spacing_m,
-        centre_frequency_hz=_centre_frequency_hz(header.antenna),
+        centre_frequency_hz=_centre_frequency_hz(own.antenna),
         positions_m=None if spacing_m is None else np.arange(len(stored)) * spacing_m,
-        metadata=header._asdict(),
+        metadata={**own._asdict(), "antennas": tuple(each.antenna for each in headers)},
         cut=cut,
+        notes=tuple(notes),
     )
 
 
@@ -117,6 +139,12 @@ def _check_header(file: Path, header: _Header) -> None:
         raise InputError(file, "header, position_ns", "a finite number", f"{header.position_ns:g}")
     if not (header.scans_per_m == 0 or _SMALLEST <= header.scans_per_m <= _LARGEST):
         raise InputError(file, "header, scans_per_m", "zero or more", f"{header.scans_per_m:g}")
+
+
+def _is_filled_in(own: _Header) -> bool:
+    """Whether a later channel's header is one."""
+    layout = own.tag & 0xFF in (0x00, 0xFF) and own.bits in _STORED and own.samples > _MARK_SAMPLES
+    return layout and _SMALLEST <= own.range_ns <= _LARGEST and abs(own.position_ns) <= _LARGEST
 
 
 def _data_offset(file: Path, header: _Header) -> int:
@@ -158,8 +186,8 @@ def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
     """Read one ``.DT1`` file with its ``.HD``.
 
     Every trace is a header of 32 float32 words (word 1 its position, word 2 its samples, word 5 bytes a sample)
-    and int16 samples. Positions may be in feet; time zero is a fractional sample number counted from sample 0. A line
-    whose positions skip a stretch, or go back, has no spacing: its positions count.
+    and samples: int16 of two bytes, or float32 of four. Positions may be in feet; time zero is a fractional sample
+    number counted from sample 0. A line whose positions skip a stretch, or go back, has no spacing, only positions.
 
     Args:
         path: the file.
@@ -180,27 +208,30 @@ def read_dt1(path: str | Path, *, partial: bool = False) -> Profile:
 
     data = read_bytes(file)
     first = np.frombuffer(data[:_TRACE_HEADER_BYTES].ljust(_TRACE_HEADER_BYTES, b"\0"), "<f4")
-    if len(data) >= _TRACE_HEADER_BYTES and not (2 <= first[2] <= 65536 and first[5] in (0.0, 2.0)):
+    if len(data) >= _TRACE_HEADER_BYTES and not (2 <= first[2] <= 65536 and first[5] in (0.0, 2.0, 4.0)):
         found = "other numbers: the file is damaged, or of another format"
-        raise InputError(file, "header of trace 0", f"{samples} samples of 2 bytes", found)
-    record_bytes = _TRACE_HEADER_BYTES + 2 * samples
+        raise InputError(file, "header of trace 0", f"{samples} samples of 2 or 4 bytes", found)
+    stored = np.dtype("<f4") if first[5] == 4.0 else np.dtype("<i2")
+    record_bytes = _TRACE_HEADER_BYTES + samples * stored.itemsize
     whole, cut = count_traces(file, len(data), record_bytes, said=(traces, header.path), partial=partial)
-    records = np.frombuffer(data, dtype=np.dtype([("header", "<f4", 32), ("samples", "<i2", samples)]), count=whole)
+    record = np.dtype([("header", "<f4", 32), ("samples", stored, samples)])
+    records = np.frombuffer(data, record, count=whole)
     words = records["header"]
     # Some NaN bit patterns raise a flag when converted; they are detected here.
     with np.errstate(invalid="ignore"):
-        wrong = np.flatnonzero((words[:, 2] != samples) | ~np.isin(words[:, 5], (0.0, 2.0)))
+        bytes_a_sample = np.where(words[:, 5] == 0.0, 2.0, words[:, 5])
+        wrong = np.flatnonzero((words[:, 2] != samples) | (bytes_a_sample != stored.itemsize))
         positions_m = words[:, 1].astype(np.float64) * _UNIT_M[unit]
     if wrong.size:
         found = f"{words[wrong[0], 2]:g} samples of {words[wrong[0], 5]:g} bytes"
-        raise InputError(file, f"header of trace {wrong[0]}", f"{samples} samples of 2 bytes", found)
+        raise InputError(file, f"header of trace {wrong[0]}", f"{samples} samples of {stored.itemsize} bytes", found)
     if not np.all(np.isfinite(positions_m)):
         bad = int(np.argmin(np.isfinite(positions_m)))
         raise InputError(file, f"header of trace {bad}", "a finite position", f"{words[bad, 1]}")
     frequency_mhz = header.number("NOMINAL FREQUENCY", default=0.0)
     return Profile(
         path=file,
-        channels=records["samples"][:, None, :].astype(np.int16),
+        channels=records["samples"][:, None, :].astype(stored.newbyteorder("=")),
         sample_interval_ns=interval_ns,
         time_zero_ns=header.number("TIMEZERO AT POINT", default=0.0) * interval_ns,
         spacing_m=step * _UNIT_M[unit] if _are_even(positions_m) else None,

@@ -22,6 +22,7 @@ from lgprjax.navigation import (
     PlannerState,
     RoutePath,
     acquire,
+    choose,
     find_starts,
     init_navigator,
     lost_planner,
@@ -111,9 +112,9 @@ class TickResult(NamedTuple):
             search_ alike: from where the map is searched.
         speed_mps: forward.
         sigma_along_m, sigma_cross_m: of the filter's position.
-        reaction, reasons, cap_mps, bounded, frame_left_m: health.
+        reaction, reasons, cap_mps, bounded, gnss_bounded, frame_left_m: health.
         accepted, offered: bits of the sources.
-        ahead_m ... gear: the plan, see ``Plan``.
+        ahead_m ... gear: the plan, see ``Plan``; leg, arc_m, travel: its place, see ``PlannerState``.
         front_rad, throttle, brake, limited: the command and the limiter's bits.
         wanted_mps, reachable, look_ahead_m: see ``AutopilotInfo``.
     """
@@ -138,6 +139,7 @@ class TickResult(NamedTuple):
     reasons: float
     cap_mps: float
     bounded: float
+    gnss_bounded: float
     frame_left_m: float
     accepted: float
     offered: float
@@ -146,6 +148,9 @@ class TickResult(NamedTuple):
     to_go_m: float
     gear: float
     code: float
+    leg: float
+    arc_m: float
+    travel: float
     front_rad: float
     throttle: float
     brake: float
@@ -209,6 +214,7 @@ def step_compiled(
         navigated.health.reasons,
         navigated.health.speed_cap_mps,
         navigated.health.bounded,
+        navigated.health.gnss_bounded,
         navigated.frame_left_m,
         bits_of(navigated.info.accepted),
         bits_of(navigated.info.offered),
@@ -217,6 +223,7 @@ def step_compiled(
         plan.to_go_m,
         plan.gear,
         plan.code,
+        *state.autopilot.planner[:3],
         *command,
         info.autopilot.limited,
         info.autopilot.wanted_mps,
@@ -235,17 +242,44 @@ def start_compiled(
     return OnboardState(navigator, init_autopilot(lost_planner(), jnp.abs(speed_mps), front_rad))
 
 
+class FoundPlaces(NamedTuple):
+    """Places of the route at the vehicle, as rows of numbers, nearest first.
+
+    Attributes:
+        code: of the search, or of the place that was asked for.
+        leg, arc_m, travel: as in ``PlannerState``.
+        possible: 1 for places no farther than ``ambiguity_m`` beyond the nearest, whose heading fits.
+    """
+
+    code: Float[np.ndarray, " candidate"]
+    leg: Float[np.ndarray, " candidate"]
+    arc_m: Float[np.ndarray, " candidate"]
+    travel: Float[np.ndarray, " candidate"]
+    possible: Float[np.ndarray, " candidate"]
+
+
 @jax.jit
 def acquire_compiled(
-    setup: OnboardSetup, route: RoutePath, state: OnboardState, pose: Float[Array, " 3"]
-) -> tuple[OnboardState, Float[Array, " 2"]]:
-    """The planner placed on the route at the vehicle, and the code and distance of the nearest place."""
+    setup: OnboardSetup, route: RoutePath, state: OnboardState, pose: Float[Array, " 3"], number: Int[Array, ""]
+) -> tuple[OnboardState, Float[Array, "5 candidate"]]:
+    """The planner placed on the route at the vehicle, and ``FoundPlaces``.
+
+    Args:
+        setup: of the vehicle.
+        route: to be driven.
+        state: before.
+        pose: of the rear axle.
+        number: of the place that the operator chose, from 0; -1: the only one there is.
+    """
     config = setup.autopilot
     starts = find_starts(route, config.planner, config.chassis, VehiclePose(*pose))
-    planner, code = acquire(starts)
+    (alone, alone_code), (chosen, chosen_code) = acquire(starts), choose(starts, number)
+    planner = jax.tree.map(lambda one, two: jnp.where(number < 0, one, two), alone, chosen)
+    code = jnp.where(number < 0, alone_code, chosen_code)
     held = state.autopilot._replace(planner=_as(planner, state.autopilot.planner))
-    row = jnp.stack([code.astype(jnp.float32), starts.distance_m[0]])
-    return state._replace(autopilot=held), row
+    possible = starts.valid & (starts.distance_m <= starts.distance_m[0] + config.planner.ambiguity_m)
+    columns = (jnp.broadcast_to(code, possible.shape), starts.leg, starts.arc_m, starts.travel, possible)
+    return state._replace(autopilot=held), as_row(columns)
 
 
 def _as(planner: PlannerState, like: PlannerState) -> PlannerState:

@@ -7,10 +7,12 @@ vehicle are behind ``VehicleKind``.
 
 import json
 import math
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from lgprjax.autopilot import Action, Check, EngagementInhibit, Event, Mode, inhibit_of
 from lgprjax.autopilot.monitors import TEXT, Watch
+from lgprjax.coverage.field import HIGHEST_LEVEL
 from lgprjax.coverage.resume import RoutePlace
 from lgprjax.errors import InputError
 from lgprjax.run_records import Record, RecordKind, Source
@@ -40,12 +42,14 @@ from lgprjax.wire import Frame, Sender, decode
 AnyLoaded: TypeAlias = Loaded | SkidLoaded | LoadedManoeuvre
 
 
-def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyLoaded:
+def load_vehicle(
+    config: RuntimeConfig, place: RoutePlace | None = None, anchor: Sequence[float] | None = None
+) -> AnyLoaded:
     """The files of a configuration: of a field if it has one, else of a course.
 
     Args:
         config: of the run.
-        place: of a field's plan, to begin at after a relaunch.
+        place, anchor: of a field, after a relaunch: see ``load_skid``.
 
     Raises:
         InputError: a file cannot be used.
@@ -54,7 +58,7 @@ def load_vehicle(config: RuntimeConfig, place: RoutePlace | None = None) -> AnyL
         raise InputError(config.file, "mode", "drive", f"{config.mode}: such a run has no commands")
     if config.mode == "calibrate":
         return load_manoeuvre(config)
-    return load(config) if config.coverage is None else load_skid(config, place)
+    return load(config) if config.coverage is None else load_skid(config, place, anchor)
 
 
 def make_kind(config: RuntimeConfig, loaded: AnyLoaded) -> VehicleKind:
@@ -106,6 +110,13 @@ class LateTicks:
     def too_many(self) -> bool:
         """Whether the loop misses its period too often."""
         return len(self._late) >= _MOST
+
+
+def level_event(asked: object) -> dict[str, Any]:
+    """What is recorded of a requested level of confidence, at which the page shows worked ground. It moves nothing."""
+    if isinstance(asked, float) and 0.5 < asked <= HIGHEST_LEVEL:
+        return {"level": asked}
+    return {"refused": "level", "why": f"above 0.5, {HIGHEST_LEVEL:g} at most"}
 
 
 # JSON for pages, without NaN.
@@ -209,6 +220,12 @@ class ControlCore:
             if self._after_death:
                 self._tell(Event.CONTROL_RELAUNCHED, now_ns)
         for event in events:
+            # Before anything is engaged the cruise buttons choose between several places on the route.
+            by = {Event.CRUISE_PLUS: 1, Event.CRUISE_MINUS: -1}.get(event, 0)
+            request = self.kind.next_place(by) if by and not self.modes.engage & (STEERING | PEDALS) else None
+            if request is not None:
+                self._choose(request, now_ns)
+                continue
             unread = [text for text in self.kind.warnings() if text in _OVERRIDE_UNREAD]
             self._tell(event, now_ns, why=unread if event is Event.OVERRIDE_ASSUMED else None)
         self._run_checks(now_ns)
@@ -247,7 +264,11 @@ class ControlCore:
             case RecordKind.MONITOR:
                 self._monitor = json.loads(record.payload)
             case RecordKind.REQUEST:
-                self._choose(str(json.loads(record.payload).get("select_route")), now_ns)
+                asked = json.loads(record.payload)
+                if "select_level" in asked:
+                    self._event(now_ns, level_event(asked["select_level"]))
+                else:
+                    self._choose(asked, now_ns)
 
     def _learn_cut(self, frame: Frame) -> None:
         """Power that the box keeps cut since before a relaunch stays cut."""
@@ -255,12 +276,13 @@ class ControlCore:
             self._box_unheard = False
             self.modes.engage |= int(frame.number("engaged")) & CUT
 
-    def _choose(self, name: str, now_ns: int) -> None:
-        """Select another route: only while the operator drives."""
+    def _choose(self, request: dict[str, Any], now_ns: int) -> None:
+        """Select another route, or another place on it: only while the operator drives."""
+        name, place = str(request.get("select_route")), str(request.get("place", ""))
         if self.modes.engage & (STEERING | PEDALS):
             self._event(now_ns, {"refused": "route", "why": "routes are chosen only while the operator drives"})
-        elif self.kind.choose(name):
-            self._event(now_ns, {"route": name})
+        elif self.kind.choose(name, place):
+            self._event(now_ns, {"route": name, **({"place": place} if place else {})})
         else:
             self._event(now_ns, {"refused": "route", "why": f"no drivable route: {name[:80]}"})
 

@@ -1,19 +1,22 @@
 """The counter-steered vehicle in the control loop: driven along a route by LGPR, GNSS and INS."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from lgprjax.autopilot import Check, Event, Limited, OnboardState
 from lgprjax.autopilot.monitors import REFUSING, SEVERITY, BoxState, Severity, Watch, describe
-from lgprjax.navigation import OF_GNSS, PlanCode, Reaction, Reason, RoutePath
+from lgprjax.navigation import OF_GNSS, OF_LGPR, PlanCode, Reaction, Reason, RoutePath
 from lgprjax.registration import Code
 from lgprjax.run_records import PLAN, POSE, PRIOR, Record, RecordKind, fix_row
 from lgprjax.runtime.config import ControlTable, RuntimeConfig, SensorsTable
 from lgprjax.runtime.control.compiled import (
     FOLLOWED,
+    FoundPlaces,
     TickNumbers,
     TickResult,
     acquire_compiled,
@@ -22,6 +25,7 @@ from lgprjax.runtime.control.compiled import (
     step_compiled,
 )
 from lgprjax.runtime.control.modes import CUT, PEDALS, CheckItem
+from lgprjax.runtime.control.places import APART_M, Place, line_of, same_place, starts_of
 from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Sensed, Senses
 from lgprjax.runtime.control.setup import TICK_S, LaidRoute, Loaded
 from lgprjax.runtime.control.vehicle_kind import (
@@ -48,14 +52,16 @@ class Panel:
 
     Args:
         routes: of the configuration.
+        lgpr: there is a map to match scans with.
     """
 
-    def __init__(self, routes: list[LaidRoute]) -> None:
-        self._routes = routes
+    def __init__(self, routes: list[LaidRoute], *, lgpr: bool = True) -> None:
+        self._routes, self._lgpr = routes, lgpr
         self._listed = [
             {"name": route.name, "length_m": round(route.length_m, 1), "problem": route.problem or None}
             for route in routes
         ]
+        self._lines = [line_of(route.path) for route in routes]
         self._codes: list[tuple[int, bool]] = []
         self._decided = self._searched = -_OLD_TICKS
         self._shown = -1
@@ -73,13 +79,14 @@ class Panel:
             return
         self.code, self.correlation = Code(code).name.lower(), correlation
 
-    def state(self, tick: int, route: int, result: TickResult) -> dict[str, Any]:
+    def state(self, tick: int, route: int, result: TickResult, places: Sequence[Place] = ()) -> dict[str, Any]:
         """Display state of a tick, in addition to the modes.
 
         Args:
             tick: its number.
             route: number of the chosen one.
             result: numbers of the step.
+            places: where the operator chooses between several.
         """
         self._codes = [known for known in self._codes if known[0] > tick - 500]
         share = sum(good for _, good in self._codes) / len(self._codes) if self._codes else None
@@ -92,6 +99,10 @@ class Panel:
             "cross_track_m": result.offset_m,
             "to_go_m": result.to_go_m,
             "heading_error_deg": math.degrees(result.heading_error_rad),
+            "lgpr": self._lgpr,
+            "bounded_by": [
+                name for name, flag in (("LGPR", result.bounded), ("GNSS", result.gnss_bounded)) if flag == 1.0
+            ],
             "correlation": math.nan if old else self.correlation,
             "code": None if old else self.code,
             "ok_share": share,
@@ -105,6 +116,11 @@ class Panel:
             "throttle": result.throttle,
             "brake": result.brake,
         }
+        line = self._lines[route]
+        if line is not None:
+            # In the order along the route: a letter keeps its place while the vehicle moves.
+            ordered = sorted(places, key=lambda place: (place.at_m, place.travel))
+            state["places"] = [{"place": place.words, **line.ahead(place)} for place in ordered]
         if route != self._shown or tick - self._path_tick >= 100:
             self._shown, self._path_tick = route, tick
             state["path"] = self._routes[route].points
@@ -114,6 +130,8 @@ class Panel:
 # The compiled step: its state, the chosen route, and the vehicle's place on it.
 
 _SEARCH_TICKS = 25
+_KEPT_M = 50.0
+"""Way by hand after which a place of several is chosen anew."""
 _UNSURE_RAD = math.radians(5.0)
 """A heading that its receiver states less surely is none."""
 _NOTHING = TickResult(*[math.nan] * len(TickResult._fields))
@@ -149,17 +167,30 @@ class Pilot:
         route: number of the chosen one.
         on_route: the planner has a place on it.
         code: of the plan, or of the last search for a place.
+        places: where the vehicle may be on the route, of the last search; begun: the one that was taken of several,
+            until it is noted.
     """
 
     def __init__(self, loaded: Loaded, control: ControlTable, sensors: SensorsTable) -> None:
         self._setup, self._routes = loaded.setup, loaded.routes
         self._fusion, self._sensors = control.fusion, sensors
+        self._coarse_m = float(loaded.setup.navigator.health.coarse_m)
         self._state: OnboardState | None = None
         self._searched = 0
         self.result = _NOTHING
         self.route = next(number for number, route in enumerate(loaded.routes) if route.path is not None)
         self.on_route = False
         self.code = PlanCode.LOST
+        self.places: list[Place] = []
+        self.begun: Place | None = None
+        self._known: Place | None = None
+        self._left_m = 0.0
+        self._starts_m = [starts_of(route.path) for route in self._routes]
+
+    @property
+    def place(self) -> Place | None:
+        """The place on the chosen route; ``None`` while it is not known."""
+        return self._known if self.on_route else None
 
     @property
     def started(self) -> bool:
@@ -184,7 +215,7 @@ class Pilot:
             for _ in range(2):
                 for _ in range(2):
                     state, row = step_compiled(self._setup, route.path, state, numbers, fusion=self._fusion)
-                state, found = acquire_compiled(self._setup, route.path, state, np.zeros(3, np.float32))
+                state, found = acquire_compiled(self._setup, route.path, state, np.zeros(3, np.float32), np.int32(-1))
             jax.block_until_ready((row, found))
 
     def start(self, place: LocalPosition, attitude: LocalAttitude, front_rad: float) -> None:
@@ -198,13 +229,24 @@ class Pilot:
         front = front_rad if math.isfinite(front_rad) else 0.0
         self._state = start_compiled(self._setup, pose, np.float32(0.0), np.float32(front))
 
-    def choose(self, name: str) -> bool:
-        """Another route by its name; whether it can be driven."""
+    def choose(self, name: str, place: str) -> bool:
+        """Another route by its name, or another place on it; whether they can be driven."""
+        known = Place.of_words(place)
         for number, route in enumerate(self._routes):
-            if route.name == name and route.path is not None:
-                self.route, self.on_route, self.code, self._searched = number, False, PlanCode.LOST, 0
+            if route.name == name and route.path is not None and (known is not None or not place):
+                self.route, self._known, self._left_m = number, known, 0.0
+                self.leave()
                 return True
         return False
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """The request for the next of several places; ``None`` where there are no others."""
+        if len(self.places) < 2:
+            return None
+        places = sorted(self.places, key=lambda place: (place.at_m, place.travel))
+        now = same_place(places, self.place)
+        at = places.index(now) + by if now is not None else min(by, 0)
+        return {"select_route": self._routes[self.route].name, "place": places[at % len(places)].words}
 
     def step(self, sensed: Sensed, ordered: Ordered, now_ns: int) -> TickResult:
         """Run a tick; without effect before there is a pose."""
@@ -216,7 +258,15 @@ class Pilot:
         if self.on_route:
             self.code = PlanCode(int(self.result.code))
             self.on_route = int(self.code) in FOLLOWED
-        elif not ordered.steering_engaged:
+            self._known = self._place(-1, self.result.leg, self.result.arc_m, self.result.travel)
+            self._left_m = 0.0
+        elif self._known is not None and math.isfinite(self.result.speed_mps):
+            # While the operator drives, the place goes on with the vehicle; after a while it is known no more.
+            way_m = self.result.speed_mps * sensed.step_s
+            self._known = self._known._replace(at_m=self._known.at_m + self._known.travel * way_m)
+            self._left_m += abs(way_m)
+            self._known = self._known if self._left_m < _KEPT_M else None
+        if not ordered.steering_engaged:
             self._search()
         return self.result
 
@@ -231,10 +281,29 @@ class Pilot:
             return
         here = self.result
         pose = np.array([here.x_m, here.y_m, here.yaw_rad], np.float32)
-        self._state, row = acquire_compiled(self._setup, self.path, self._state, pose)
-        # Converted as a whole: each element access on a device array is a program of its own.
-        self.code = PlanCode(int(np.asarray(row)[0]))
+        state, found = self._found(pose, -1)
+        places = [self._place(number, *each) for number, each in enumerate(zip(*found[1:4], strict=True))]
+        self.places = []
+        for place in (each for each, possible in zip(places, found.possible, strict=True) if possible > 0.5):
+            if all(abs(place.at_m - other.at_m) > APART_M for other in self.places):
+                self.places.append(place)
+        if self.on_route:
+            return
+        known = same_place(self.places, self._known) if found.code[0] == PlanCode.AMBIGUOUS else None
+        if known is not None:
+            state, found = self._found(pose, known.number)
+            self.begun = known
+        self._state, self.code = state, PlanCode(int(found.code[0]))
         self.on_route = self.code is PlanCode.FOLLOWING
+
+    def _found(self, pose: Float[np.ndarray, " 3"], number: int) -> tuple[OnboardState, FoundPlaces]:
+        assert self._state is not None
+        state, row = acquire_compiled(self._setup, self.path, self._state, pose, np.int32(number))
+        # Converted as a whole: each element access on a device array is a program of its own.
+        return state, FoundPlaces(*np.asarray(row))
+
+    def _place(self, number: int, leg: float, arc_m: float, travel: float) -> Place:
+        return Place(number, float(self._starts_m[self.route][int(leg)] + arc_m), 1 if travel > 0.0 else -1)
 
     def _numbers(self, sensed: Sensed, ordered: Ordered, now_ns: int) -> TickNumbers:
         known = self._sensors
@@ -255,7 +324,7 @@ class Pilot:
             gnss_valid=float(place is not None),
             gnss_x_m=0.0 if place is None else place.x_m,
             gnss_y_m=0.0 if place is None else place.y_m,
-            gnss_m2=1.0 if place is None else place.sigma_m**2,
+            gnss_m2=1.0 if place is None else self._sigma_m(place) ** 2,
             gnss_age_s=0.0 if place is None else (now_ns - place.time_ns) / 1e9,
             heading_valid=float(attitude is not None),
             heading_rad=0.0 if attitude is None else attitude.yaw_rad,
@@ -276,6 +345,10 @@ class Pilot:
             torque_share=ordered.torque_share,
             **{name: seen.get(name, 0.0) for name in TickNumbers._fields if name[:4] == "fix_" and name != "fix_valid"},
         )
+
+    def _sigma_m(self, place: LocalPosition) -> float:
+        """White error of a position; a fixed one whose receiver states a large error is not taken for fixed."""
+        return place.reported_m if place.reported_m > self._coarse_m else place.sigma_m
 
     def _fix_numbers(self, fix: np.void, now_ns: int, shared_yaw_rad2: float) -> dict[str, float]:
         pose, covariance = fix["pose"], fix["covariance"]
@@ -369,7 +442,6 @@ def pose_row(result: TickResult, now_ns: int, height_m: float, antenna_m: tuple[
 
 
 _OLD_NS = 300_000_000
-_DEGRADED_MPS = 2.0
 _SCANS_NS = 200_000_000
 _TRAVEL_OLD_S = 0.1
 _SCANS = "no scans: radar, its connection or registration"
@@ -386,8 +458,9 @@ _PLACES = {
 
 
 def degrading(result: TickResult) -> float:
-    """The reasons that slow the vehicle down: without those of GNSS while LGPR bounds the error."""
-    return whole(result.reasons) & ~(OF_GNSS if result.bounded == 1.0 else 0)
+    """The reasons that slow the vehicle down: without those of a source while the other one bounds the error."""
+    excused = (OF_GNSS if result.bounded == 1.0 else 0) | (OF_LGPR if result.gnss_bounded == 1.0 else 0)
+    return whole(result.reasons) & ~excused
 
 
 _COUNTER_STEER_NOTHING = Sensed(0.0, math.nan, None, None, None, math.nan, math.nan, False, None, False, math.inf)
@@ -410,11 +483,12 @@ class CounterSteer:
 
     def __init__(self, config: RuntimeConfig, loaded: Loaded) -> None:
         self.speed_control = loaded.vehicle.speed_control
-        self.senses = Senses(loaded.frame, config.sensors)
+        self.senses = Senses(loaded.frame, config.sensors, level=not config.map)
         self.pilot = Pilot(loaded, config.control, config.sensors)
         self._watches = Watches(config, loaded.vehicle)
-        self._panel = Panel(loaded.routes)
-        self._step_mps = config.control.set_speed_step_mps
+        self._panel = Panel(loaded.routes, lgpr=bool(config.map))
+        self._step_mps, self._slow_mps = config.control.set_speed_step_mps, config.control.slow_mps
+        self._has_radar = config.ports.radar is not None
         self._sent = SentCommand(0.0, 0.0, 0.0, 0)
         self._antenna_m = (float(loaded.setup.navigator.model.gnss_x_m), float(loaded.setup.navigator.model.gnss_y_m))
         self._every = None if config.output is None else _TICKS_HZ // config.output.rate_hz
@@ -505,6 +579,7 @@ class CounterSteer:
         here = self.pilot.started and place is not None and attitude is not None
         unrecorded = processes.silent("recorder") and processes.mandatory
         tested = CheckItem(Check.BRAKE, bool(state & BoxState.BRAKE_TESTED), "the braking test has not passed")
+        lgpr = not processes.silent("registration")
         return [
             *box_checks(found, received=wheels is not None),
             CheckItem(
@@ -513,7 +588,7 @@ class CounterSteer:
                 "; ".join(describe(found & sensors)) or "no wheel angle",
             ),
             CheckItem(Check.GNSS_INS, here, "no position or no heading"),
-            CheckItem(Check.LGPR, not processes.silent("registration"), "the registration process is not ready"),
+            *([CheckItem(Check.LGPR, lgpr, "the registration process is not ready")] if self._has_radar else []),
             CheckItem(Check.STORAGE, not unrecorded, "nothing is being recorded"),
             *([tested] if self.speed_control else []),
         ]
@@ -523,12 +598,12 @@ class CounterSteer:
         watched, sensed = self._watched, self._sensed
         if not watched.speed_known:
             sensed = sensed._replace(odometer_mps=math.nan)
-        slow = wish.slowly or watched.severity is Severity.DEGRADE or self._scans_missing
+        slow = wish.slowly or watched.severity is Severity.DEGRADE or self._missed
         ordered = Ordered(
             wish.engaged,
             wish.drives,
             wish.stop,
-            _DEGRADED_MPS if slow else math.inf,
+            self._slow_mps if slow else math.inf,
             wish.set_speed_mps,
             watched.front_rad,
             sensed.wheels_age_s,
@@ -576,9 +651,12 @@ class CounterSteer:
 
     def state(self, tick: int) -> dict[str, Any]:
         """State for the display."""
+        taken = same_place(self._offered, self.pilot.place)
         return {
-            **self._panel.state(tick, self.pilot.route, self.pilot.result),
+            **self._panel.state(tick, self.pilot.route, self.pilot.result, self._offered),
             "limit_mps": math.nan if self.speed_control else self.pilot.result.wanted_mps,
+            "place": None if self.pilot.place is None else self.pilot.place.words,
+            "taken": None if taken is None else taken.words,
             "look_ahead_m": self.pilot.result.look_ahead_m,
             "torque_share": self._watches.torque_share,
         }
@@ -596,12 +674,13 @@ class CounterSteer:
         result, watched = self.pilot.result, self._watched
         cause = watched.severity is Severity.DEGRADE
         words = describe(Watch(sum(bit for bit in watched.bits if SEVERITY[bit] is Severity.DEGRADE))) if cause else []
-        words += [_SCANS] if self._scans_missing else []
+        words += [_SCANS] if self._missed else []
         return [*words, *(reason_words(degrading(result)) if result.reaction == Reaction.DEGRADE else [])]
 
     def notes(self) -> list[dict[str, Any]]:
-        """None."""
-        return []
+        """The place on the route that was taken of several."""
+        begun, self.pilot.begun = self.pilot.begun, None
+        return [] if begun is None else [{"place": begun.words}]
 
     def release(self, engage: int) -> OutgoingFrame:
         """The last command of all."""
@@ -611,9 +690,18 @@ class CounterSteer:
         """The operator drives."""
         self.pilot.leave()
 
-    def choose(self, name: str) -> bool:
-        """Another route."""
-        return self.pilot.choose(name)
+    def choose(self, name: str, place: str) -> bool:
+        """Another route, or another place on it."""
+        return self.pilot.choose(name, place)
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """Of the places where the vehicle may be."""
+        return self.pilot.next_place(by)
+
+    @property
+    def _offered(self) -> list[Place]:
+        """Places to choose between: none while one is driven from."""
+        return self.pilot.places if len(self.pilot.places) > 1 and not self._sent.engage else []
 
     def _age_s(self, sensed: LocalPosition | LocalAttitude | None) -> float:
         return math.inf if sensed is None else (self._now_ns - sensed.time_ns) / 1e9
@@ -622,3 +710,8 @@ class CounterSteer:
     def _scans_missing(self) -> bool:
         """Whether no scan has been searched for a while: the radar, its line, or the registration process."""
         return self._fix_ns is not None and self._now_ns - self._fix_ns > _SCANS_NS
+
+    @property
+    def _missed(self) -> bool:
+        """Whether scans are missing that nothing stands in for."""
+        return self._scans_missing and self.pilot.result.gnss_bounded != 1.0

@@ -11,19 +11,23 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from lgprjax.autopilot import (
     Check,
+    Command,
     Event,
     Limited,
+    LimiterRules,
+    LimiterState,
     PedalReading,
     PedalWatchState,
     init_limiter,
     init_wheel_sensors,
+    limit_while_engaged,
     step_pedal_watch,
     step_wheel_sensors,
 )
-from lgprjax.autopilot.manoeuvre_step import ManoeuvreNumbers, step_manoeuvre
 from lgprjax.autopilot.monitors import (
     REFUSING,
     BoxState,
@@ -45,7 +49,7 @@ from lgprjax.formats import VehicleFile, read_vehicle, with_values
 from lgprjax.navigation import Reaction
 from lgprjax.run_records import PLAN, Record, RecordKind
 from lgprjax.runtime.config import CalibrationTable, RuntimeConfig
-from lgprjax.runtime.control.compiled import as_vector
+from lgprjax.runtime.control.compiled import as_vector, named_numbers
 from lgprjax.runtime.control.manoeuvre_programs import LEAST_BRAKING_MPS2, PedalProgram, SteeringProgram
 from lgprjax.runtime.control.modes import PEDALS, STEERING, CheckItem
 from lgprjax.runtime.control.senses import BoxStatus, LocalPosition, Sensed, Senses, wheel_belief
@@ -73,6 +77,16 @@ ASSUMED = {
 """Numbers of a servo that no study has found yet; no limit depends on them."""
 _LARGEST_SHARE = 0.8
 """Of the largest wheel angle, that is commanded."""
+_RULES = LimiterRules(
+    largest_front_rad=jnp.float32(0.0),
+    # Faster than any servo of a heavy vehicle, so that its own rate shows.
+    front_rate_radps=jnp.float32(2.0),
+    throttle_rate_per_s=jnp.float32(1.0),
+    brake_rate_per_s=jnp.float32(4.0),
+    oldest_s=jnp.float32(0.2),
+    default_brake=jnp.float32(0.5),
+    release_rate_radps=jnp.float32(0.1),
+)
 _ENGAGE_MPS = 0.3
 """Faster than that a manoeuvre is not engaged: it begins at standstill."""
 _WALKING_MPS = 2.0
@@ -81,6 +95,36 @@ _RUN_S = 12.0
 _PEDAL = PedalBelief(pre_tension=0.0, dead_zone=0.0, gain_mps2=1.0, lag_s=1.0)
 _PEDALS = PedalsBelief(_PEDAL, _PEDAL, rolling_mps2=0.0, drag_per_s=0.0)
 """No study has found them yet, and no finding depends on them where the watch is given no speed to trust."""
+
+# The compiled part: the limiter, which follows the wheels while nothing is engaged.
+
+
+class _Numbers(NamedTuple):
+    """Plain numbers into the compiled limiter."""
+
+    front_rad: float
+    throttle: float
+    brake: float
+    age_s: float
+    step_s: float
+    measured_rad: float
+    engaged: float
+    largest_rad: float
+
+
+@jax.jit
+def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[LimiterState, Float[Array, " result"]]:
+    told, yes = named_numbers(_Numbers, numbers)
+    state, bits = limit_while_engaged(
+        _RULES._replace(largest_front_rad=told.largest_rad),
+        state,
+        Command(told.front_rad, told.throttle, told.brake),
+        told.age_s,
+        told.step_s,
+        engaged=yes.engaged,
+        front_rad=told.measured_rad,
+    )
+    return state, jnp.stack([*state.last, bits.astype(jnp.float32)])
 
 
 class LoadedManoeuvre(NamedTuple):
@@ -173,8 +217,7 @@ class ManoeuvreKind:
     def warm_up(self) -> None:
         """Compile the limiter."""
         for _ in range(2):
-            numbers = ManoeuvreNumbers(*[0.0] * len(ManoeuvreNumbers._fields))
-            self._limiter, row = step_manoeuvre(self._limiter, as_vector(numbers))
+            self._limiter, row = _limited(self._limiter, as_vector(_Numbers(*[0.0] * len(_Numbers._fields))))
         jax.block_until_ready(row)
 
     def take(self, record: Record, tick: int) -> None:
@@ -285,7 +328,7 @@ class ManoeuvreKind:
             throttle, brake = self._pedals.step(wheels.number("speed_mps"), step_s, stop=stop)
         else:
             self._pedals.restart()
-        numbers = ManoeuvreNumbers(
+        numbers = _Numbers(
             front,
             throttle,
             brake,
@@ -295,7 +338,7 @@ class ManoeuvreKind:
             float(wish.engaged),
             self._largest_rad,
         )
-        self._limiter, row = step_manoeuvre(self._limiter, as_vector(numbers))
+        self._limiter, row = _limited(self._limiter, as_vector(numbers))
         front, throttle, brake, bits = np.asarray(row).tolist()
         self._result = (front, throttle, brake, bits)
 
@@ -368,10 +411,15 @@ class ManoeuvreKind:
         if not self._pedals.dead:
             self._pedals.trouble = ""
 
-    def choose(self, name: str) -> bool:
+    def choose(self, name: str, place: str) -> bool:
         """There is no route."""
-        del name
+        del name, place
         return False
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """There are no places."""
+        del by
+        return None
 
     @property
     def _share(self) -> float:

@@ -7,17 +7,20 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from lgprjax import __version__
+from lgprjax.batch.vehicles import tool_of
 from lgprjax.coverage.resume import RoutePlace
+from lgprjax.files import file_hash
+from lgprjax.formats import read_vehicle
 from lgprjax.process_cost import count_compiles
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
+from lgprjax.runtime.choices import Choices
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.core import AnyLoaded, ControlCore, load_vehicle
 from lgprjax.runtime.control.record import RecordCore
-from lgprjax.runtime.control.setup import TICK_S
+from lgprjax.runtime.control.setup import TICK_S, Loaded
 from lgprjax.runtime.control.skid.setup import SkidLoaded, place_after_death
 from lgprjax.runtime.gnss import GnssParser
 from lgprjax.runtime.port import Arrival, Port
@@ -29,34 +32,6 @@ from lgprjax.wire import Frame, draw_session
 _TICK_NS = int(TICK_S * 1e9)
 
 
-class SelectedRoute:
-    """The operator's last selection: a control process that replaces one that died makes it again.
-
-    Args:
-        rings: folder of the rings, in memory: it outlives a control process, and no slow disk delays a tick.
-    """
-
-    def __init__(self, rings: Path) -> None:
-        self._file = rings / "selected_route"
-
-    def keep(self, out: list[Record]) -> None:
-        """Keep a selection among the records of a tick."""
-        for record in out:
-            if record.kind is RecordKind.EVENT and "route" in (told := json.loads(record.payload)):
-                fresh = self._file.with_suffix(".new")
-                fresh.write_text(told["route"], encoding="utf-8")
-                fresh.replace(self._file)
-
-    def again(self) -> list[Record]:
-        """The request for it, anew; none where nothing was selected."""
-        try:
-            name = self._file.read_text(encoding="utf-8")
-        except FileNotFoundError:
-            return []
-        request = json.dumps({"select_route": name}).encode()
-        return [Record(RecordKind.REQUEST, Source.DISPLAY, 0, time.monotonic_ns(), request)]
-
-
 class Control:
     """The process's ports, rings and loop."""
 
@@ -64,10 +39,12 @@ class Control:
         self._started, config = started, started.config
         self._log = started.ring("control_log")
         self._incoming = [started.ring(name) for name in ("fixes", "notes", "monitor", "requests", "progress")]
-        self._selected = SelectedRoute(started.rings)
+        self._choices = Choices(started.rings)
         self._state = started.ring("state")
         priors, cover = started.ring("priors"), started.ring("cover")
-        self._onward = {RecordKind.PRIOR: priors, RecordKind.COVER: cover, RecordKind.CORNER: cover}
+        self._onward = {RecordKind.PRIOR: priors}
+        if config.coverage is not None:
+            self._onward |= dict.fromkeys((RecordKind.COVER, RecordKind.CORNER, RecordKind.EVENT), cover)
         self._view: Ring | None = None
         if config.output is not None:
             self._onward[RecordKind.POSE] = started.ring("poses")
@@ -84,7 +61,8 @@ class Control:
         if not config.commands:
             self._record_only()
             return
-        loaded = load_vehicle(config)
+        anchor = self._choices.anchor if started.after_death else None
+        loaded = load_vehicle(config, anchor=anchor)
         place = None
         if started.after_death and isinstance(loaded, SkidLoaded) and loaded.pattern is not None:
             place = place_after_death(started.folder, loaded.pattern)
@@ -93,7 +71,7 @@ class Control:
         core = ControlCore(config, loaded, session=session, after_death=started.after_death)
         started.beat(ProcessStage.WARMING)
         core.kind.warm_up()
-        self._header(loaded, session, place)
+        self._header(loaded, session, place, anchor)
         # Old fixes are invalid. Reports of the supervisor still hold.
         self._incoming[0].take()
         for port in self._ports:
@@ -112,9 +90,12 @@ class Control:
 
     def _record_only(self) -> None:
         """Until SIGTERM; nothing is written to any line."""
-        self._header(None, 0, None)
+        anchor = self._choices.anchor if self._started.after_death else None
+        core = RecordCore(self._started.config, anchor)
+        core.warm_up()
+        self._header(None, 0, None, anchor)
         try:
-            self._loop(RecordCore(self._started.config), collects=False)
+            self._loop(core, collects=False)
         finally:
             for port in self._ports:
                 port.close()
@@ -132,7 +113,7 @@ class Control:
             now_ns = time.monotonic_ns()
             core.unrecorded = self._log.lost
             out = core.step(tick, now_ns, came)
-            self._selected.keep(out)
+            self._choices.keep(out)
             for record in out:
                 if record.kind is RecordKind.PORT_OUT:
                     self._port_of[record.source].write(record.payload)
@@ -153,9 +134,9 @@ class Control:
     def _came(self, tick: int) -> list[Record]:
         """Messages since the last tick, as recorded: line by line, then the rings.
 
-        Before the first of a relaunched process: the route that was selected.
+        Before the first of a relaunched process: what the operator chose.
         """
-        again = self._selected.again() if tick == 1 and self._started.after_death else []
+        again = self._choices.again() if tick == 1 and self._started.after_death else []
         came: list[Record] = [record._replace(tick=tick) for record in again]
         for port in self._ports:
             for arrival in port.take():
@@ -184,9 +165,11 @@ class Control:
                     pack(Record(RecordKind.REFUSED, Source(port.source), begin.tick, refused.mono_ns, payload))
                 )
 
-    def _header(self, loaded: AnyLoaded | None, session: int, place: RoutePlace | None) -> None:
-        started, now_ns = self._started, time.monotonic_ns()
-        record = header_record(started.config, loaded, session, now_ns, after_death=started.after_death, place=place)
+    def _header(
+        self, loaded: AnyLoaded | None, session: int, place: RoutePlace | None, anchor: list[float] | None
+    ) -> None:
+        started, now_ns, dead = self._started, time.monotonic_ns(), self._started.after_death
+        record = header_record(started.config, loaded, session, now_ns, after_death=dead, place=place, anchor=anchor)
         self._log.put(pack(record))
 
     def _end(self, *_: object) -> None:
@@ -201,8 +184,12 @@ def header_record(
     *,
     after_death: bool,
     place: RoutePlace | None = None,
+    anchor: list[float] | None = None,
 ) -> Record:
-    """Data for a replay in addition to the ticks; ``loaded`` is ``None`` for a run that only records."""
+    """Data for a replay in addition to the ticks; ``loaded`` is ``None`` for a run that only records.
+
+    Without a plan it has what a record of the worked ground needs: the tool, and the frame's anchor after a relaunch.
+    """
     hashes = {} if loaded is None else loaded.hashes
     plan = None if config.coverage is None else config.coverage.plan
     header: dict[str, object] = {
@@ -215,9 +202,19 @@ def header_record(
         "after_death": after_death,
         "pid": os.getpid(),
     }
+    if isinstance(loaded, Loaded):
+        frame = loaded.frame
+        header["frame"] = [frame.latitude_deg, frame.longitude_deg, frame.height_m]
     machine = getattr(loaded, "machine", "")
     if machine:
         header["machine"] = machine
+    if config.coverage is not None and not plan:
+        path = config.path(config.vehicle)
+        vehicle = read_vehicle(path)
+        header["vehicle"] = {"name": vehicle.name, "sha256": file_hash(path)}
+        header["tool"] = tool_of(vehicle, path)._asdict()
+    if anchor is not None:
+        header["anchor"] = anchor
     if place is not None:
         header["place"] = [place.line, place.along_m]
     return Record(RecordKind.HEADER, Source.CONTROL, 0, now_ns, json.dumps(header).encode())

@@ -6,12 +6,14 @@ Same interface as ``ControlCore``, without modes, vehicle or commands. Nothing h
 import json
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
 from lgprjax.frames import LocalFrame
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.config import RuntimeConfig
-from lgprjax.runtime.control.core import finite_json
+from lgprjax.runtime.control.cart import COVER_TICKS, CartPilot
+from lgprjax.runtime.control.core import finite_json, level_event
 from lgprjax.runtime.control.senses import GnssSenses, LocalAttitude, LocalPosition
 from lgprjax.wire import decode
 
@@ -56,15 +58,21 @@ class RecordCore:
     """What a recording run knows of its lines.
 
     Args:
-        config: of a run that sends no commands.
+        config: of a run that sends no commands; with a table ``coverage`` it is of a hand cart.
+        anchor: latitude, longitude and height of the frame of a process that died.
 
     Attributes:
         unrecorded: messages dropped on their way to the recorder.
+
+    Raises:
+        InputError: the vehicle file of a cart cannot be used.
     """
 
-    def __init__(self, config: RuntimeConfig) -> None:
+    def __init__(self, config: RuntimeConfig, anchor: Sequence[float] | None = None) -> None:
         self.unrecorded = 0
-        self._gnss = GnssSenses(None, config.sensors)
+        self._gnss = GnssSenses(None if anchor is None else LocalFrame(*anchor), config.sensors)
+        self._cart = None if config.coverage is None else CartPilot(config)
+        self._unanchored = anchor is None
         self._lines = {
             source: _LineRate() for source, name in _LINES.items() if getattr(config.ports, name) is not None
         }
@@ -80,22 +88,46 @@ class RecordCore:
         self._speed_mps = math.nan
         self._before: LocalPosition | None = None
 
+    def warm_up(self) -> None:
+        """Compile what a cart needs."""
+        if self._cart is not None:
+            self._cart.warm_up()
+
     def step(self, tick: int, now_ns: int, came: list[Record]) -> list[Record]:
-        """A tick: records since the last one in, a state for the page out, ten times a second.
+        """A tick: records since the last one in, a state for the page out, ten times a second; of a cart rows of COVER.
 
         Args:
             tick: its number, from 1.
             now_ns: monotonic.
             came: messages since the last tick, in order.
         """
+        out: list[tuple[RecordKind, int, bytes]] = []
         for record in came:
+            if record.kind is RecordKind.REQUEST:
+                told = level_event(json.loads(record.payload).get("select_level"))
+                out.append((RecordKind.EVENT, now_ns, json.dumps(told).encode()))
             self._take(record)
-        place = self._gnss.end_tick().place
+        place, frame = self._gnss.end_tick().place, self._gnss.frame
         if place is not None:
             self._move(place)
-        if tick % STATE_TICKS:
-            return []
-        return [Record(RecordKind.STATE, Source.CONTROL, tick, now_ns, finite_json(self.state(tick, now_ns)))]
+        if self._cart is not None:
+            out += self._of_cart(self._cart, tick, now_ns, place, frame)
+        if tick % STATE_TICKS == 0:
+            out.append((RecordKind.STATE, now_ns, finite_json(self.state(tick, now_ns))))
+        return [Record(kind, Source.CONTROL, tick, at_ns, payload) for kind, at_ns, payload in out]
+
+    def _of_cart(
+        self, cart: CartPilot, tick: int, now_ns: int, place: LocalPosition | None, frame: LocalFrame | None
+    ) -> list[tuple[RecordKind, int, bytes]]:
+        out: list[tuple[RecordKind, int, bytes]] = []
+        if place is not None:
+            cart.take(place)
+        if self._unanchored and frame is not None:
+            self._unanchored = False
+            anchor = {"anchor": [frame.latitude_deg, frame.longitude_deg, frame.height_m]}
+            out.append((RecordKind.EVENT, now_ns, json.dumps(anchor).encode()))
+        row = cart.step(now_ns) if tick % COVER_TICKS == 0 else None
+        return [*out, (RecordKind.COVER, *row)] if row is not None else out
 
     def state(self, tick: int, now_ns: int) -> dict[str, Any]:
         """For the page and the terminal."""
@@ -124,6 +156,8 @@ class RecordCore:
         if self._calibration is not None:
             state |= {"manoeuvre": self._calibration.step, "prompt": self._calibration.prompt}
             state["progress"] = self._progress
+        if self._cart is not None:
+            state |= self._cart.state(now_ns)
         if len(self._trail) != self._shown or tick % 100 == 0:
             self._shown = len(self._trail)
             state["path"] = self._trail

@@ -97,14 +97,15 @@ class GnssSenses:
     Args:
         frame: of map or plan; without one the first position becomes its anchor.
         sensors: of the configuration.
+        level: positions are projected at the height of the frame's anchor, as those of a route without heights are.
 
     Attributes:
         place, attitude: the newest of all; ``None`` before the first.
         frame: of the positions; ``None`` before the first position if none was given.
     """
 
-    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
-        self.frame, self._sensors = frame, sensors
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, *, level: bool = False) -> None:
+        self.frame, self._sensors, self._level = frame, sensors, level
         # Positions are older than attitudes on arrival: each kind has its own clock.
         self._clocks: dict[tuple[str, GnssTimeScale], WeekClock] = {}
         self._longitude_deg = 0.0 if frame is None else frame.longitude_deg
@@ -151,12 +152,13 @@ class GnssSenses:
 
     def _take_position(self, sample: GnssSample, stated: GnssPosition, arrival_ns: int) -> None:
         time_ns = self._time_of("position", sample.scale, stated.tow_s, arrival_ns)
-        if time_ns is None or stated.quality is Quality.NONE:
+        if time_ns is None or not math.isfinite(stated.height_m):
             return
         if self.frame is None:
             self.frame = LocalFrame(stated.latitude_deg, stated.longitude_deg, stated.height_m)
+        height_m = self.frame.height_m if self._level else stated.height_m
         east, north, up = self.frame.to_local(
-            np.array([stated.latitude_deg]), np.array([stated.longitude_deg]), np.array([stated.height_m])
+            np.array([stated.latitude_deg]), np.array([stated.longitude_deg]), np.array([height_m])
         )
         epoch, own_m = (sample.scale, stated.tow_s), stated.sigma_m
         # A position with an accuracy of its own takes none of another message.
@@ -241,13 +243,14 @@ class LineSenses:
         frame: of map or plan; without one the first position becomes its anchor.
         sensors: of the configuration.
         message: the status of its box.
+        level: see ``GnssSenses``.
 
     Attributes:
         box: the newest status; ``None`` before the first.
     """
 
-    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, message: str) -> None:
-        self._gnss, self._stamps, self._message = GnssSenses(frame, sensors), StampClock(), message
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, message: str, *, level: bool = False) -> None:
+        self._gnss, self._stamps, self._message = GnssSenses(frame, sensors, level=level), StampClock(), message
         self.box: BoxStatus | None = None
         self._tick_ns = 0
 
@@ -323,12 +326,13 @@ class Senses(LineSenses):
     """Takes the lines' messages one by one.
 
     Args:
-        frame: of the map; without one the first position becomes its anchor.
+        frame: of the map or the routes; without one the first position becomes its anchor.
         sensors: of the configuration.
+        level: see ``GnssSenses``.
     """
 
-    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
-        super().__init__(frame, sensors, "drive_status")
+    def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, *, level: bool = False) -> None:
+        super().__init__(frame, sensors, "drive_status", level=level)
         self.fix: np.void | None = None
         self.travel_m = 0.0
         self._odometer: tuple[int, float] | None = None

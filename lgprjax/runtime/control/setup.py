@@ -11,7 +11,7 @@ from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, VehicleFile, read_route, read_vehicle
 from lgprjax.frames import LocalFrame
-from lgprjax.mapping import lay_route, open_route
+from lgprjax.mapping import lay_route, read_source, require_map
 from lgprjax.navigation import RoutePath
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.vehicle import LookAhead
@@ -44,7 +44,7 @@ class Loaded(NamedTuple):
     Attributes:
         vehicle: the file's contents.
         setup: of the compiled step.
-        frame: of the map.
+        frame: of map and routes.
         routes: in the order of the configuration; at least one without a problem.
         hashes: of every file read, by its name in the configuration.
     """
@@ -59,19 +59,24 @@ class Loaded(NamedTuple):
 def load(config: RuntimeConfig) -> Loaded:
     """Read vehicle, map and routes.
 
-    A route that cannot be driven is kept with its reason, for the operator; the others are used.
+    Without a map the frame is that of the first route that can be read. A route that cannot be driven is kept with its
+    reason, for the operator; the others are used.
 
     Raises:
         InputError: the vehicle file or the map cannot be used, or no route can.
     """
-    vehicle_path, map_path = config.path(config.vehicle), config.path(config.map)
-    vehicle = read_vehicle(vehicle_path)
+    vehicle = read_vehicle(config.path(config.vehicle))
     setup = setup_of_vehicle(config, vehicle)
-    with MapFile.open(map_path) as source:
-        frame = source.description.frame
-    hashes = {name: file_hash(config.path(name)) for name in (config.vehicle, config.map)}
-    routes = [_laid(config, name, hashes) for name in config.routes]
-    if all(route.path is None for route in routes):
+    frame: LocalFrame | None = None
+    if config.map:
+        with MapFile.open(config.path(config.map)) as source:
+            frame = source.description.frame
+    hashes = {name: file_hash(config.path(name)) for name in (config.vehicle, config.map) if name}
+    routes: list[LaidRoute] = []
+    for name in config.routes:
+        route, frame = _laid(config, name, frame, hashes)
+        routes.append(route)
+    if frame is None or all(route.path is None for route in routes):
         raise InputError(config.file, "routes", "a drivable route", routes[0].problem)
     return Loaded(vehicle, setup, frame, routes, hashes)
 
@@ -88,12 +93,14 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
     chassis, servo = chassis_of(vehicle, path), servo_of(vehicle, path)
     pursuit = vehicle.pursuit
     schedule = (pursuit.short_m, pursuit.long_m, pursuit.slow_mps, pursuit.fast_mps)
-    if any(number is None for number in schedule):
-        raise InputError(path, "pursuit", "the look-ahead over speed (from lgprjax tune)", "none")
     # Lever and clock of the array are measured on the vehicle; at one speed they cannot be distinguished from an
     # offset.
     model = filter_model_of(vehicle, path)._replace(initial_lever_m=jnp.float32(0.02))
-    return onboard_setup(
+    free_m, slow_m, stop_m = config.control.cross_sigmas_m
+    if not config.map and float(model.gnss_error_sigma_m) > stop_m:
+        expected = f"at most {stop_m:g} m, beyond which GNSS alone does not drive the vehicle (control.cross_sigmas_m)"
+        raise InputError(path, "navigation.gnss_error_sigma_m", expected, f"{float(model.gnss_error_sigma_m):g}")
+    setup = onboard_setup(
         model=model,
         chassis=chassis,
         pedals=pedals_of(vehicle, path),
@@ -101,29 +108,37 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
         front_rate_radps=servo.rate_radps,
         tick_s=TICK_S,
         gnss_period_s=config.sensors.gnss_period_s,
+        has_lgpr=bool(config.map),
         risk=config.registration.risk,
         weak_exponent=pursuit.weak_exponent or 0.0,
         least_share=1.0 if pursuit.least_torque_share is None else pursuit.least_torque_share,
     )
+    limits = {"free_cross_m": free_m, "slow_cross_m": slow_m, "stop_cross_m": stop_m}
+    limits["degraded_mps"] = config.control.slow_mps
+    health = setup.navigator.health._replace(**{name: jnp.float32(value) for name, value in limits.items()})
+    return setup._replace(navigator=setup.navigator._replace(health=health))
 
 
-def _laid(config: RuntimeConfig, name: str, hashes: dict[str, str]) -> LaidRoute:
+def _laid(
+    config: RuntimeConfig, name: str, frame: LocalFrame | None, hashes: dict[str, str]
+) -> tuple[LaidRoute, LocalFrame | None]:
+    """A route in a frame; in its own, where there is none yet."""
     file = config.path(name)
     try:
         chosen = read_route(file)
-        if chosen.map.resolve() != config.path(config.map).resolve():
+        require_map(chosen, file)
+        of_map, own = config.path(config.map).resolve(), chosen.map.resolve()
+        if config.map and own.name.endswith(".map.h5") and own != of_map:
             raise InputError(file, "map", f"the map of {config.file.name}, {config.map}", str(chosen.map))
-        _, path, _ = open_route(file)
-        # A route selected without a vehicle file is checked against this vehicle's smallest radius here.
-        own = chosen._replace(vehicle=config.path(config.vehicle))
-        with MapFile.open(chosen.map) as source:
-            path = lay_route(own, source, file=file)
+        source = read_source(chosen.map)
+        # Checked against this vehicle's smallest radius, whichever it was selected with.
+        path = lay_route(chosen._replace(vehicle=config.path(config.vehicle)), source, file=file, frame=frame)
     except InputError as error:
-        return LaidRoute(name, None, 0.0, [], str(error))
+        return LaidRoute(name, None, 0.0, [], str(error)), frame
     hashes[name] = file_hash(file)
     legs = int(path.leg_count)
     length_m = float(path.legs.length_m[:legs].sum())
-    return LaidRoute(name, path, length_m, _points(path), "")
+    return LaidRoute(name, path, length_m, _points(path), ""), source.frame if frame is None else frame
 
 
 def _points(path: RoutePath) -> list[list[float]]:

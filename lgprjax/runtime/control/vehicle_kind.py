@@ -327,5 +327,10 @@ class VehicleKind(Protocol):
     def leave(self) -> None:
         """The operator drives: the place must be searched again."""
 
-    def choose(self, name: str) -> bool:
-        """Another route by its name; whether it can be driven."""
+    def choose(self, name: str, place: str) -> bool:
+        """Another route by its name, and the place on it where it passes the vehicle several times; whether they can be
+        driven.
+        """
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """The request for the next of the places where the vehicle may be, 1, or the one before, -1; else ``None``."""

@@ -1,5 +1,6 @@
-"""The worked map of a field: rows ``COVER`` in, cells out, by the same step as the later record."""
+"""The worked map of a field, or of ground without a plan: rows ``COVER`` in, cells out, as in the later record."""
 
+import math
 from functools import partial
 
 import jax
@@ -8,6 +9,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from lgprjax.coverage import CellGrid, Tool, ToolMoment, WorkedState, init_worked, step_worked
+from lgprjax.coverage.worked import WorkedStrip
+from lgprjax.frames import body_to_local
 from lgprjax.run_records import LONGEST_COVER_STEP_NS, ToolBits
 
 
@@ -20,11 +23,13 @@ class WorkedMap:
         shared_sigma_m: an axis, of the error that all positions share.
 
     Attributes:
-        moments: taken so far.
+        grid: of its cells; moments: taken so far; full: part of the worked ground has no cells.
     """
 
+    full = False
+
     def __init__(self, grid: CellGrid, tool: Tool, shared_sigma_m: float) -> None:
-        self._grid, self._tool, self._shared = grid, tool, jnp.float32(shared_sigma_m)
+        self.grid, self._tool, self._shared = grid, tool, jnp.float32(shared_sigma_m)
         self._state = init_worked(grid)
         self._last_ns = 0
         self.moments = 0
@@ -34,17 +39,35 @@ class WorkedMap:
         for _ in range(2):
             self._step(np.zeros(13, np.float32))
         jax.block_until_ready(self._state)
-        self._state = init_worked(self._grid)
+        self._state = init_worked(self.grid)
 
-    def take_up(self, probability: Float[np.ndarray, "north east"]) -> None:
+    def take_up(self, grid: CellGrid, probability: Float[np.ndarray, "north east"]) -> None:
         """Continue from a saved map.
 
         Raises:
             ValueError: it is of another grid.
         """
-        if probability.shape != self._grid.shape:
-            raise ValueError(f"{self._grid.shape} cells expected, found {probability.shape}")
+        if grid != self.grid or probability.shape != grid.shape:
+            raise ValueError(f"cells of {self.grid} expected, found {grid}")
         self._state = self._state._replace(probability=jnp.asarray(probability, jnp.float32))
+
+    def move(self, east_m: float, north_m: float, probability: Float[np.ndarray, "north east"]) -> None:
+        """Lay the grid elsewhere: all positions become smaller by this much, and the cells are others.
+
+        Args:
+            east_m, north_m: metres.
+            probability: of the cells there.
+        """
+
+        def moved(at: WorkedStrip) -> WorkedStrip:
+            return at._replace(x_m=at.x_m - east_m, y_m=at.y_m - north_m)
+
+        running = self._state.running
+        running = running._replace(
+            now=moved(running.now), low=moved(running.low), high=moved(running.high), strips=moved(running.strips)
+        )
+        # The arrays are copies: the step gives its memory away.
+        self._state = WorkedState(jnp.array(probability, jnp.float32), running)
 
     def take(self, cover: np.void, mono_ns: int) -> None:
         """A row of ``COVER``.
@@ -65,7 +88,128 @@ class WorkedMap:
         return np.asarray(self._state.probability)
 
     def _step(self, numbers: Float[np.ndarray, "13"]) -> None:
-        self._state = _step_cover(self._grid, self._tool, self._state, numbers, self._shared)
+        self._state = _step_cover(self.grid, self._tool, self._state, numbers, self._shared)
+
+
+_WINDOW_TOOLS, _EDGE_TOOLS = 12.0, 2.0
+"""Side of the window, and distance of the tool from its edge, in widths and lengths of the tool together."""
+_MOST_CELLS = 16_000_000
+"""Of an open map: four hectares at 5 cm, 64 MB."""
+
+
+class OpenMap:
+    """The map of ground without a plan: a ``WorkedMap`` that moves with the tool, over cells that become more.
+
+    Args:
+        cell_m: side of a cell.
+        tool, shared_sigma_m: see ``WorkedMap``.
+
+    Attributes:
+        grid: of the cells so far, from the anchor of the run; moments, full: see ``WorkedMap``.
+    """
+
+    def __init__(self, cell_m: float, tool: Tool, shared_sigma_m: float) -> None:
+        size_m = tool.width_m + tool.length_m
+        self._side, self._edge_m = math.ceil(_WINDOW_TOOLS * size_m / cell_m), _EDGE_TOOLS * size_m
+        self._tool = tool
+        self._window = WorkedMap(CellGrid(0.0, 0.0, cell_m, self._side, self._side), tool, shared_sigma_m)
+        self.grid = CellGrid(0.0, 0.0, cell_m, 0, 0)
+        self._probability = np.zeros(self.grid.shape, np.float32)
+        self._first, self._placed = (0, 0), False
+        self.full = False
+
+    @property
+    def moments(self) -> int:
+        """Taken so far."""
+        return self._window.moments
+
+    def warm_up(self) -> None:
+        """Compile; the map stays empty."""
+        self._window.warm_up()
+
+    def take_up(self, grid: CellGrid, probability: Float[np.ndarray, "north east"]) -> None:
+        """Continue from a saved map.
+
+        Raises:
+            ValueError: its cells are of another size.
+        """
+        if grid.cell_m != self.grid.cell_m or probability.shape != grid.shape:
+            raise ValueError(f"cells of {self.grid.cell_m} m expected, found {grid}")
+        self.grid, self._probability = grid, np.array(probability, np.float32)
+
+    def take(self, cover: np.void, mono_ns: int) -> None:
+        """A row of ``COVER``, as ``WorkedMap.take``."""
+        row, cell_m = cover.copy(), self.grid.cell_m
+        counts = bool(int(row["tool"]) & ToolBits.COUNTS)
+        x, y, yaw = (float(row[name]) for name in ("x_m", "y_m", "yaw_rad"))
+        place = np.array([x]), np.array([y]), np.array([yaw])
+        east, north = body_to_local(*place, self._tool.ahead_m, self._tool.left_m)
+        if counts and math.isfinite(east[0] + north[0]):
+            self._reach(float(east[0]), float(north[0]))
+        if counts and self.full:
+            row["tool"] = int(row["tool"]) & ~ToolBits.COUNTS
+        row["x_m"], row["y_m"] = x - self._first[1] * cell_m, y - self._first[0] * cell_m
+        self._window.take(row, mono_ns)
+
+    def probability(self) -> Float[np.ndarray, "north east"]:
+        """Of the cells of ``grid``, as ``WorkedMap.probability``."""
+        self._put_down()
+        return self._probability
+
+    def _reach(self, east_m: float, north_m: float) -> None:
+        """Move the window if the tool is near its edge."""
+        cell_m, side = self.grid.cell_m, self._side
+        if self._placed:
+            row, column = self._first
+            within = (east_m - column * cell_m, north_m - row * cell_m)
+            if all(self._edge_m <= each <= side * cell_m - self._edge_m for each in within):
+                self.full = False
+                return
+        self._put_down()
+        first = (round(north_m / cell_m) - side // 2, round(east_m / cell_m) - side // 2)
+        self.full = not self._grow(first)
+        if self.full:
+            return
+        (row, column), self._first, self._placed = self._first, first, True
+        moved = ((first[1] - column) * cell_m, (first[0] - row) * cell_m)
+        self._window.move(*moved, self._probability[self._place(first)])
+
+    def _place(self, first: tuple[int, int]) -> tuple[slice, slice]:
+        """Of a window in the cells."""
+        row, column = first[0] - self._row0, first[1] - self._column0
+        return slice(row, row + self._side), slice(column, column + self._side)
+
+    @property
+    def _row0(self) -> int:
+        return round(self.grid.north_m / self.grid.cell_m)
+
+    @property
+    def _column0(self) -> int:
+        return round(self.grid.east_m / self.grid.cell_m)
+
+    def _put_down(self) -> None:
+        if self._placed:
+            place = self._place(self._first)
+            self._probability[place] = np.maximum(self._probability[place], self._window.probability())
+
+    def _grow(self, first: tuple[int, int]) -> bool:
+        """Cells for a window; whether there are so many."""
+        grid, side = self.grid, self._side
+        low, high = first, (first[0] + side, first[1] + side)
+        if grid.east_cells:
+            low = (min(low[0], self._row0), min(low[1], self._column0))
+            high = (max(high[0], self._row0 + grid.north_cells), max(high[1], self._column0 + grid.east_cells))
+        rows, columns = high[0] - low[0], high[1] - low[1]
+        if rows * columns > _MOST_CELLS:
+            return False
+        if (rows, columns) != grid.shape:
+            grown = np.zeros((rows, columns), np.float32)
+            if grid.east_cells:
+                row, column = self._row0 - low[0], self._column0 - low[1]
+                grown[row : row + grid.north_cells, column : column + grid.east_cells] = self._probability
+            self.grid = CellGrid(low[1] * grid.cell_m, low[0] * grid.cell_m, grid.cell_m, rows, columns)
+            self._probability = grown
+        return True
 
 
 @partial(jax.jit, static_argnames=("grid", "tool"), donate_argnames="state")

@@ -117,12 +117,14 @@ def _cookies(headers: Headers) -> Iterable[str]:
             yield cookie.value
 
 
-# Messages of a page over its websocket: requests for another route only.
+# Messages of a page over its websocket: requests for another route, another place on it, or a level of confidence.
 
 LARGEST_BYTES = 1024
 MOST_A_SECOND = 5
 LONGEST_NAME = 200
-_KEYS = {"session", "number", "select_route"}
+_WANTED = ({"select_route"}, {"select_route", "place"}, {"select_level"})
+Wanted = dict[str, Any]
+"""What is requested: names, or a level of confidence."""
 _LARGEST_NUMBER = 2**53  # largest exact integer of a browser
 
 
@@ -133,7 +135,7 @@ class Refused(Enum):
     TOO_LARGE = "a message above 1 kB"
     NOT_TEXT = "a message that is not text"
     NOT_JSON = "a message that is not JSON"
-    NOT_A_REQUEST = "a message that is not a route request"
+    NOT_A_REQUEST = "a message that is no known request"
     SESSION = "a message of another session"
     REPEATED = "a message that was sent before"
 
@@ -150,8 +152,10 @@ class RequestGate:
         self._number = 0
         self._times: deque[int] = deque(maxlen=MOST_A_SECOND)
 
-    def judge(self, message: str | bytes | None, mono_ns: int) -> str | Refused:
-        """The name of the requested route, or why the message is refused.
+    def judge(self, message: str | bytes | None, mono_ns: int) -> Wanted | Refused:
+        """What is requested, or why the message is refused.
+
+        A route, ``select_route``, with the ``place`` on it if given; or a level of confidence, ``select_level``.
 
         Args:
             message: text; bytes are refused.
@@ -171,20 +175,23 @@ class RequestGate:
             return Refused.NOT_JSON
         return self._request(said)
 
-    def _request(self, said: Any) -> str | Refused:
-        if not isinstance(said, dict) or said.keys() != _KEYS:
+    def _request(self, said: Any) -> Wanted | Refused:
+        if not isinstance(said, dict) or said.keys() - {"session", "number"} not in _WANTED:
             return Refused.NOT_A_REQUEST
-        session, number, name = said["session"], said["number"], said["select_route"]
-        if type(session) is not str or type(number) is not int or type(name) is not str:
+        wanted: Wanted = {key: value for key, value in said.items() if key not in ("session", "number")}
+        session, number = said.get("session"), said.get("number")
+        if type(session) is not str or type(number) is not int or not 0 < number < _LARGEST_NUMBER:
             return Refused.NOT_A_REQUEST
-        if not 0 < len(name) <= LONGEST_NAME or not 0 < number < _LARGEST_NUMBER:
+        if any(type(value) is not (float if key == "select_level" else str) for key, value in wanted.items()):
+            return Refused.NOT_A_REQUEST
+        if any(isinstance(value, str) and not 0 < len(value) <= LONGEST_NAME for value in wanted.values()):
             return Refused.NOT_A_REQUEST
         if session != self._session:
             return Refused.SESSION
         if number <= self._number:
             return Refused.REPEATED
         self._number = number
-        return name
+        return wanted
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

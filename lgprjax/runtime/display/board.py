@@ -4,9 +4,11 @@ import json
 from typing import Any
 
 from lgprjax.run_records import RecordKind, unpack
+from lgprjax.runtime.display.access import Wanted
 from lgprjax.runtime.radargram import LiveColumns
 
 STALE_NS = 500_000_000
+_SHAPE_OLD_NS = 1_500_000_000
 ENGAGED = ("STEERING", "SPEED")
 
 
@@ -25,6 +27,8 @@ class Board:
         self._state_ns = 0
         self._path: list[Any] | None = None
         self._worked: dict[str, Any] | None = None
+        self._shape: dict[str, Any] | None = None
+        self._shape_ns = 0
         self._columns = LiveColumns()
         self._column: list[int] | None = None
 
@@ -43,20 +47,23 @@ class Board:
                 continue
             self._show(state, record.mono_ns)
 
-    def take_worked(self, message: bytes | None) -> None:
-        """Take the newest message of the coverage process, if any."""
-        if message is None:
-            return
-        try:
-            worked = json.loads(unpack(message).payload, parse_constant=_nothing)
-            if not isinstance(worked, dict):
-                raise ValueError("no map of worked ground")
-            json.dumps(worked, allow_nan=False)
-        except (ValueError, RecursionError):
-            self.refused_states += 1
-            return
-        self._worked = worked
-        self.worked_version += 1
+    def take_worked(self, messages: list[bytes]) -> None:
+        """Take messages of the coverage process, oldest first: the map, or the tool's shape."""
+        for message in messages:
+            try:
+                record = unpack(message)
+                told = json.loads(record.payload, parse_constant=_nothing)
+                if not isinstance(told, dict):
+                    raise ValueError("no map of worked ground")
+                json.dumps(told, allow_nan=False)
+            except (ValueError, RecursionError):
+                self.refused_states += 1
+                continue
+            if "shape" in told:
+                self._shape, self._shape_ns = told, record.mono_ns
+            else:
+                self._worked = told
+                self.worked_version += 1
 
     def take_scans(self, messages: list[bytes]) -> None:
         """Take the radar's scans, oldest first; the newest one becomes the next column of the radargram."""
@@ -85,27 +92,32 @@ class Board:
         }
         if self._column is not None:
             said["column"] = self._column
+        if self._shape is not None and mono_ns - self._shape_ns < _SHAPE_OLD_NS:
+            said["shape"] = self._shape
         if with_path:
             said["path"] = self._path
         if with_worked:
             said["worked"] = self._worked
         return json.dumps(said, allow_nan=False, separators=(",", ":"))
 
-    def obstacle(self, name: str, mono_ns: int) -> str | None:
-        """Why a route cannot be requested now; ``None`` if it can. The control process decides again.
+    def obstacle(self, wanted: Wanted, mono_ns: int) -> str | None:
+        """Why something cannot be requested now; ``None`` if it can. The control process decides again.
 
         Args:
-            name: of the route.
+            wanted: by the page; see ``RequestGate.judge``.
             mono_ns: monotonic time now.
         """
         if self._state is None or mono_ns - self._state_ns > STALE_NS:
             return "no data from the vehicle"
+        if "select_level" in wanted:
+            levels = {} if self._worked is None else self._worked.get("levels")
+            return None if isinstance(levels, list) and wanted["select_level"] in levels else "no such level"
         mode = self._state.get("mode")
         if not isinstance(mode, str) or mode in ENGAGED:
             return "routes are chosen before automatic steering"
         routes = self._state.get("routes")
         for route in routes if isinstance(routes, list) else []:
-            if isinstance(route, dict) and route.get("name") == name:
+            if isinstance(route, dict) and route.get("name") == wanted["select_route"]:
                 return None if route.get("problem") is None else f"the route cannot be driven: {route['problem']}"
         return "no such route"
 

@@ -26,7 +26,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.frames import Frame
 
 from lgprjax.run_records import Record, RecordKind, Source, pack
-from lgprjax.runtime.display.access import COOKIE, Access, Refused, RequestGate
+from lgprjax.runtime.display.access import COOKIE, Access, Refused, RequestGate, Wanted
 from lgprjax.runtime.display.board import Board
 from lgprjax.runtime.ring import Ring
 
@@ -225,10 +225,10 @@ class Pages:
                 return False
         return True
 
-    def _ask(self, name: str, mono_ns: int) -> str | None:
-        obstacle = self._board.obstacle(name, mono_ns)
+    def _ask(self, wanted: Wanted, mono_ns: int) -> str | None:
+        obstacle = self._board.obstacle(wanted, mono_ns)
         if obstacle is None:
-            payload = json.dumps({"select_route": name}).encode()
+            payload = json.dumps(wanted).encode()
             if not self._requests.put(pack(Record(RecordKind.REQUEST, Source.DISPLAY, 0, mono_ns, payload))):
                 obstacle = "the control process accepts no requests"
         if obstacle is not None:

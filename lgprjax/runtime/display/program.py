@@ -1,4 +1,4 @@
-"""The display process: it reads the control process's state, serves the page and forwards requests for a route."""
+"""The display process: it reads the control process's state, serves the page and forwards requests."""
 
 import asyncio
 import contextlib
@@ -59,7 +59,7 @@ async def _serve(started: Started, access: Access, listener: socket.socket) -> N
     looks = 0
     while not serving.done():
         board.take(state.take())
-        board.take_worked(worked.latest())
+        board.take_worked(worked.take())
         looks += 1
         if looks % _LOOKS_A_PUSH == 0:
             board.take_scans(scans.take())

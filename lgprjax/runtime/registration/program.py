@@ -157,8 +157,10 @@ class RegistrationProcess:
         self._fixes, self._log = started.ring("fixes"), started.ring("registration_log")
         self._priors = started.ring("priors")
         live = config.output is not None and config.output.live_port is not None
-        records = config.mode == "record"
-        self._view = started.ring("page_scans" if records else "view_scans") if live or records else None
+        # Without a map there is nothing to search: the scans are recorded.
+        self._records = not config.map
+        page = config.mode == "record"
+        self._view = started.ring("page_scans" if page else "view_scans") if live or page else None
         table = config.ports.radar
         assert table is not None
         port = Port.frames(Source.RADAR, table.url, table.baud, "radar")
@@ -168,13 +170,13 @@ class RegistrationProcess:
         self._wished_s = 0.0
         self._ended = False
         self._scans = 0
-        self._said = RadarSelf()
+        self._said = RadarSelf(calibrated=config.radar.calibration is not None)
         signal.signal(signal.SIGTERM, self._end)
 
     def run(self) -> None:
         """Until SIGTERM."""
         started, config = self._started, self._started.config
-        if config.mode == "record":
+        if self._records:
             self._record_only()
             return
         vehicle = read_vehicle(config.path(config.vehicle))
@@ -250,7 +252,7 @@ class RegistrationProcess:
                 self._clock.feed(frame.stamp_us, arrival.mono_ns)
             else:
                 self._queue.take(frame, arrival.mono_ns)
-        elif self._started.config.mode == "drive":
+        elif not self._records:
             try:
                 self._said.take(frame)
             except ValueError as error:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from lgprjax.errors import InputError
-from lgprjax.formats import complex_rows
+from lgprjax.formats import SweepLayout, SweepRecording, complex_rows
 from lgprjax.radar import (
     ChainSettings,
     ChannelResponse,
@@ -91,6 +91,11 @@ class SweepDescription(NamedTuple):
         """Of the steps."""
         return self.first_hz + self.step_hz * np.arange(self.steps)
 
+    @property
+    def layout(self) -> SweepLayout:
+        """As a calibration states it."""
+        return SweepLayout(self.channels, self.frequencies_hz, self.group_delay_ns)
+
 
 AnyDescription = RadarDescription | SweepDescription
 
@@ -105,19 +110,24 @@ class LookUpSweeps(NamedTuple):
 class RadarSelf:
     """What a radar says of itself, message by message.
 
+    Args:
+        calibrated: a calibration file replaces the look-up of a stepped-frequency radar.
+
     Attributes:
         description: as far as received; ``None`` before.
-        lookup: of a stepped-frequency radar.
+        lookup: of a stepped-frequency radar, unless it is replaced.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, calibrated: bool = False) -> None:
+        self._calibrated = calibrated
         self.description: AnyDescription | None = None
         self.lookup: LookUpSweeps | None = None
 
     @property
     def complete(self) -> bool:
         """Whether its scans can be read."""
-        return self.description is not None and (self.description.kind == "traces" or self.lookup is not None)
+        described = self.description
+        return described is not None and (self._calibrated or described.kind == "traces" or self.lookup is not None)
 
     def take(self, frame: Frame) -> None:
         """Take a frame of its line.
@@ -137,7 +147,7 @@ class RadarSelf:
                 frame.number("group_delay_ps") / 1e3,
                 frame.number("scan_period_us") / 1e6,
             )
-        elif frame.name == "radar_lookup":
+        elif frame.name == "radar_lookup" and not self._calibrated:
             rows = complex_rows(frame)
             lookup = LookUpSweeps(rows[:-1], rows[-1])
             if self.lookup is not None and not np.array_equal(self.lookup.sweeps, lookup.sweeps):
@@ -203,8 +213,8 @@ class SweepReader:
     """Stepped-frequency sweeps: divided by the calibration channel, look-up subtracted, channels alike.
 
     Args:
-        radar, lookup: as the radar says.
-        response: gain and delay of each channel.
+        radar: as it describes itself.
+        known: look-up, and gain and delay of each channel.
         block: largest number of scans read at once; a compiled shape.
         place: for messages.
 
@@ -212,21 +222,21 @@ class SweepReader:
         InputError: the look-up's calibration sweep has zeros, or has other sizes than the scans.
     """
 
-    def __init__(
-        self, radar: SweepDescription, lookup: LookUpSweeps, response: ChannelResponse, block: int, place: str
-    ) -> None:
+    def __init__(self, radar: SweepDescription, known: SweepRecording, block: int, place: str) -> None:
         self._radar, self._block, self._place = radar, block, place
         expected = (radar.channels, radar.steps)
-        if lookup.sweeps.shape != expected:
-            raise InputError(place, "radar_lookup", f"{expected} channels and steps", str(lookup.sweeps.shape))
-        if not np.all(lookup.calibration):
-            zeros = f"{np.count_nonzero(lookup.calibration == 0)} zeros"
+        sweeps, calibration = known.lookup_sweeps, known.lookup_calibration_sweep
+        if sweeps.shape != expected:
+            raise InputError(place, "radar_lookup", f"{expected} channels and steps", str(sweeps.shape))
+        if not np.all(calibration):
+            zeros = f"{np.count_nonzero(calibration == 0)} zeros"
             raise InputError(place, "radar_lookup", "a calibration sweep with non-zero values", zeros)
-        self._lookup = LookUp(jnp.asarray(lookup.sweeps), jnp.asarray(lookup.calibration))
-        self._response = ChannelResponse(*(jnp.asarray(part, jnp.float32) for part in response))
+        self._lookup = LookUp(jnp.asarray(sweeps), jnp.asarray(calibration))
+        self._response = ChannelResponse(*(jnp.asarray(part, jnp.float32) for part in known.response))
         self._frequencies = jnp.asarray(radar.frequencies_hz, jnp.float32)
         self._head: list[Complex[np.ndarray, "row frequency"]] = []
-        self._alive = np.ones(radar.channels, bool)
+        self._calibrated = np.ones(radar.channels, bool) if known.channel_valid is None else known.channel_valid
+        self._alive = self._calibrated
 
     def read(self, frames: list[Frame]) -> Recorded:
         """Calibrated sweeps, stacked, and which channels of each hold data; dead channels are invalid."""
@@ -275,7 +285,7 @@ class SweepReader:
         self._head.append(rows)
         if len(self._head) == HEAD_SCANS:
             head = np.stack(self._head)
-            self._alive = ~find_dead_channels(head[:, :-1], head[:, -1])
+            self._alive = self._calibrated & ~find_dead_channels(head[:, :-1], head[:, -1])
 
 
 def _rows_of(frame: Frame) -> Complex[np.ndarray, "row frequency"] | None:

@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.batch import array_of_vehicle, of_channels
 from lgprjax.batch.register import HeldGround
 from lgprjax.errors import InputError
-from lgprjax.formats import MapFile, VehicleFile, read_thresholds
-from lgprjax.radar import ArrayGeometry, ChannelResponse
+from lgprjax.formats import MapFile, SweepRecording, VehicleFile, read_radar_calibration, read_thresholds
+from lgprjax.radar import ArrayGeometry
 from lgprjax.registration import (
     FINISH_SWARM,
     SEARCH_SWARM,
@@ -163,7 +163,7 @@ class Search:
         config: of the run.
         vehicle: its file's contents.
         source: the map, open as long as the search; also used for the tiles ahead.
-        radar: its description; lookup: of a stepped-frequency radar.
+        radar: its description; lookup: of a stepped-frequency radar without a calibration file.
 
     Attributes:
         array: geometry.
@@ -171,7 +171,7 @@ class Search:
         ahead: makes tiles ready.
 
     Raises:
-        InputError: radar and map do not fit, or the vehicle file has no place of the array.
+        InputError: radar and map, or radar and calibration, do not fit; the vehicle file has no place of the array.
     """
 
     def __init__(
@@ -197,17 +197,7 @@ class Search:
             vehicle, path, channels=known.channels, pitch_m=known.channel_pitch_m, scan_period_s=radar.scan_period_s
         )
         self._radar, self._source, self._options = radar, source, options
-        self._reader: ScanReader
-        if isinstance(radar, RadarDescription):
-            self._reader = TraceReader(radar)
-        else:
-            assert lookup is not None
-            place = vehicle.array
-            response = ChannelResponse(
-                of_channels(place.channel_gain, 1.0, radar.channels, path, "array.channel_gain"),
-                of_channels(place.channel_delay_ns, 0.0, radar.channels, path, "array.channel_delay_ns"),
-            )
-            self._reader = SweepReader(radar, lookup, response, TRACK_SCANS, url)
+        self._reader = reader_of(config, vehicle, radar, lookup)
         self._operators: Operators = self._reader.operators(known.settings, len(known.gain), self.array.height_m)
         self._held = HeldGround(source, options, tiles=_HELD_TILES)
         self.drive = self._begin(options)
@@ -375,6 +365,34 @@ class PriorTrack:
     def speed_mps(self) -> float:
         """Of the last prior."""
         return float(self._held[-1]["speed_mps"]) if self._held else 0.0
+
+
+def reader_of(
+    config: RuntimeConfig, vehicle: VehicleFile, radar: AnyDescription, lookup: LookUpSweeps | None
+) -> ScanReader:
+    """Reader of a radar's scans. Look-up, gains and delays of sweeps are those of the calibration file, else of the
+    radar's messages and of the vehicle file.
+
+    Raises:
+        InputError: the calibration is of other sweeps, or the radar sends finished traces.
+    """
+    file = config.radar.calibration
+    if isinstance(radar, RadarDescription):
+        if file is not None:
+            expected = "a radar of stepped-frequency sweeps, or no calibration"
+            raise InputError(config.file, "radar.calibration", expected, "a radar of finished traces")
+        return TraceReader(radar)
+    place, path, channels = vehicle.array, config.path(config.vehicle), radar.channels
+    gain = of_channels(place.channel_gain, 1.0, channels, path, "array.channel_gain")
+    delay_ns = of_channels(place.channel_delay_ns, 0.0, channels, path, "array.channel_delay_ns")
+    if file is not None:
+        known = read_radar_calibration(config.path(file), radar.layout, gain=gain, delay_ns=delay_ns)
+    else:
+        assert lookup is not None
+        frequencies_hz, late_ns = radar.frequencies_hz, radar.group_delay_ns
+        known = SweepRecording(frequencies_hz, lookup.sweeps, lookup.calibration, late_ns, gain, delay_ns)
+    assert config.ports.radar is not None
+    return SweepReader(radar, known, TRACK_SCANS, config.ports.radar.url)
 
 
 # The radar's line: orders before scanning, start of scanning, and reports.

@@ -51,6 +51,7 @@ class CourseSpec(StageSpec):
         weather: of the day.
         drive_seed: of the day and of all errors.
         recording, gain_drift: of the radar: finished traces, or stepped-frequency sweeps; see ``CourseWorld``.
+        in_view: of a radar of sweeps: the ground; nothing, or a metal plate.
         gnss_slow_m: sigma of the slow error of positions against the map, an axis.
         map: the course's map, whose frame poses are in; "" where there is none yet: the site's own frame.
         host: what it does: drive, record, or record without a radar; times of the script count from when it does so.
@@ -67,6 +68,7 @@ class CourseSpec(StageSpec):
     drive_seed: int
     recording: Literal["traces", "sweeps"] = "traces"
     gain_drift: float = Field(default=GAIN_DRIFT, ge=-0.9, le=10.0)
+    in_view: Literal["ground", "empty", "plate"] = "ground"
     gnss_slow_m: float = Field(default=GNSS_SLOW_M, ge=0.0, le=10.0)
     map: str = ""
     host: Literal["drive", "record", "record_without_radar"] = "drive"

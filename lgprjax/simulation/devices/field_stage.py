@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +44,7 @@ class FieldSpec(StageSpec):
         track_m, gnss_x_m, gnss_y_m, threshold_mps: of the true vehicle.
         wheel_scale: what the tracks' sensors read too much by, as a share.
         seed: of slips and errors.
+        host: what it does; times of the script count from when it drives, or at once.
     """
 
     anchor: tuple[float, float, float]
@@ -54,6 +55,7 @@ class FieldSpec(StageSpec):
     threshold_mps: float = Field(default=0.0, ge=0.0)
     wheel_scale: float = Field(default=0.02, gt=-0.5, lt=0.5)
     seed: int = 2
+    host: Literal["drive", "record"] = "drive"
 
 
 # Faults of the simulated devices of a field: names and their parameters.
@@ -263,11 +265,13 @@ class FieldTruth(TruthRows):
 
 FIELD_SCRIPT: dict[str, tuple[str, ...]] = {
     "drive_to": ("x_m", "y_m", "speed_mps"),
+    "work_to": ("x_m", "y_m", "speed_mps", "tool_m"),
     "stand": (),
     "press": ("button",),
     "brake_tap": (),
 }
-"""Items of a script, and their parameters."""
+"""Items of a script, and their parameters. ``work_to`` is ``drive_to`` with the tool on, at a depth."""
+_WAYS = ("drive_to", "work_to")
 _SCRIPT_LASTS_S = {"press": 0.3, "brake_tap": 0.3}
 FIELD_BUTTONS = ("steering", "plus", "minus", "override", "estop", "corner")
 
@@ -305,9 +309,9 @@ class Teleoperator:
         for item in items:
             if item.name == "stand" and item not in self._told:
                 self._waiting = []
-            if item.name in ("drive_to", "stand") and item not in self._told:
+            if item.name in (*_WAYS, "stand") and item not in self._told:
                 self._told.append(item)
-                self._waiting += [item] if item.name == "drive_to" else []
+                self._waiting += [item] if item.name in _WAYS else []
         self._rest_s = max(self._rest_s - step_s, 0.0)
         pressed = frozenset(str(item.numbers["button"]) for item in items if item.name == "press")
         pressed |= {"brake_tap"} if any(item.name == "brake_tap" for item in items) else set()
@@ -330,7 +334,8 @@ class Teleoperator:
         aimed = abs(off) <= _AIMED_RAD or distance < 0.5
         speed = min(float(goal["speed_mps"]), 0.1 + distance) if aimed else 0.0
         turn = min(max(_PER_RAD * off, -_TURN_RADPS), _TURN_RADPS)
-        return SkidActing(speed - 0.5 * _TRACK_M * turn, speed + 0.5 * _TRACK_M * turn, None)
+        tool_m = float(goal["tool_m"]) if aimed and "tool_m" in goal else None
+        return SkidActing(speed - 0.5 * _TRACK_M * turn, speed + 0.5 * _TRACK_M * turn, tool_m)
 
 
 _KIND = StageKind(FIELD_LINES, FIELD_SCRIPT, _SCRIPT_LASTS_S, FIELD_BUTTONS, FIELD_FAULTS)
@@ -353,6 +358,7 @@ class FieldStage(Stage[SkidBox, None]):
 
     def __init__(self, spec: FieldSpec, file: Path, begin_ns: int) -> None:
         super().__init__(_KIND, spec, file, begin_ns, tick_ns=1e9 * TICK_S, box=SkidBox, seed=spec.seed)
+        self._host = spec.host
         self.truth = FieldTruth()
         self._frame = LocalFrame(*spec.anchor)
         self._flail = Flail(
@@ -389,6 +395,10 @@ class FieldStage(Stage[SkidBox, None]):
         self.truth.add(self.next_ns, moved, self.tool, command, held, gnss_on=on)
         with self._lock:
             self._sense(moved, supply_v, gnss_on=on)
+
+    @property
+    def _host_ready(self) -> bool:
+        return self._host == "record" or super()._host_ready
 
     @property
     def _buttons_held(self) -> frozenset[str]:

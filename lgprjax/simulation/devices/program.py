@@ -57,6 +57,7 @@ def open_spec(file: Path) -> tuple[StageSpec, StageMaker]:
         drive_seed=spec.drive_seed,
         gain_drift=spec.gain_drift,
         level=bool(spec.manoeuvre),
+        in_view=spec.in_view,
     )
     return spec, lambda begin_ns: CourseStage(spec, world, file, begin_ns)
 

@@ -1,7 +1,7 @@
 """The course that the devices stand on: its ground and radar, its frames, and where the baseline ran."""
 
 from collections import deque
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import numpy as np
@@ -18,6 +18,7 @@ from lgprjax.simulation.loop.off_road import (
     Laid,
     OffRoad,
     SceneFrame,
+    anchor_of,
     baseline_poses,
     lay_course,
     scene_frame_of,
@@ -47,6 +48,7 @@ class CourseWorld:
         gain_drift: of the radar's receiver while it warms up, see ``ReceiverFaults``: over 20 minutes, half of it in 4.
         level: the vehicle is driven on level ground to all sides, for calibrations, in steps of 10 ms; nothing is there
             for a radar.
+        in_view: of the radar, see ``LiveRadar``.
     """
 
     def __init__(
@@ -58,18 +60,17 @@ class CourseWorld:
         drive_seed: int,
         gain_drift: float = GAIN_DRIFT,
         level: bool = False,
+        in_view: Literal["ground", "empty", "plate"] = "ground",
     ) -> None:
         self.local, self._level = local, level
         self.laid: Laid = lay_course(spec)
         if level:
             flat = jax.tree.map(np.zeros_like, self.laid.terrain[:3])
-            self.laid = self.laid._replace(terrain=Terrain(*flat, direction=self.laid.terrain.direction))
+            self.laid = self.laid._replace(terrain=Terrain(flat[0], flat[1], flat[2], self.laid.terrain.direction))
         self.frame: SceneFrame = scene_frame_of(local)
         poses = baseline_poses(self.laid)
-        east, north, yaw = poses[:, 0], poses[:, 1], poses[:, 3]
-        anchor = np.stack([east + spec.array_x_m * np.cos(yaw), north + spec.array_x_m * np.sin(yaw)], axis=1)
-        self._axle_m, self._axle_yaw = self.frame.to_map(poses[:, :2]), yaw - self.frame.turn_rad
-        self.baseline_m: Float[np.ndarray, "point 2"] = self.frame.to_map(anchor)
+        self._axle_m, self._axle_yaw = self.frame.to_map(poses[:, :2]), poses[:, 3] - self.frame.turn_rad
+        self.baseline_m: Float[np.ndarray, "point 2"] = self.frame.to_map(anchor_of(poses, spec.array_x_m))
         tick = max(round(3 / spec.scan_share), 1)
         self.scans_a_tick, self.scan_period_s = tick, spec.scan_share / SCAN_HZ
         self.tick_s = _LEVEL_TICK_S if level else tick * self.scan_period_s
@@ -84,6 +85,7 @@ class CourseWorld:
             seed=drive_seed,
             faults=RadarErrors(gain_drift=gain_drift),
             sweeps=spec.sweeps,
+            in_view=in_view,
         )
 
     @property

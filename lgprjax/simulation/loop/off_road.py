@@ -168,6 +168,12 @@ def baseline_poses(laid: Laid) -> Float[np.ndarray, "scan 5"]:
     return poses_at(motion, scan_times(motion))
 
 
+def anchor_of(poses: Float[np.ndarray, "scan 5"], array_x_m: float) -> Float[np.ndarray, "scan 2"]:
+    """The array's centre at ``baseline_poses``, so far ahead of the rear axle."""
+    yaw = poses[:, 3]
+    return np.asarray(poses[:, :2] + array_x_m * np.stack([np.cos(yaw), np.sin(yaw)], axis=1))
+
+
 def make_course(spec: OffRoad, folder: Path) -> OffRoadCourse:
     """Draw a course with its ground and write the log of its baseline drive into a folder."""
     laid = lay_course(spec)

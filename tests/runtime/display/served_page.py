@@ -93,12 +93,13 @@ class ServedPage:
     """A running display.
 
     Attributes:
-        state: told to it ten times a second while it is not ``None``.
+        state: told to it ten times a second while it is not ``None``; shape: of the tool, likewise.
         start_s: processor time that it took until it was ready.
     """
 
     def __init__(self, folder: Path, display: str, port: int, http_life_s: float) -> None:
         self.state: dict[str, Any] | None = None
+        self.shape: dict[str, Any] | None = None
         self.folder = folder
         self.errors = folder / "errors.txt"
         config = folder / "CONFIG.toml"
@@ -174,6 +175,8 @@ class ServedPage:
         while not self._ended.wait(0.1):
             if self.state is not None:
                 self._states.put(state_record(self.state))
+            if self.shape is not None:
+                self.show_worked(self.shape)
 
 
 @contextmanager

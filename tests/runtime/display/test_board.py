@@ -8,7 +8,7 @@ import pytest
 from lgprjax.autopilot.modes import ENGAGED as ENGAGED_MODES
 from lgprjax.autopilot.modes import Mode
 from lgprjax.run_records import Record, RecordKind, Source, pack
-from lgprjax.runtime.display.board import ENGAGED, Board
+from lgprjax.runtime.display.board import ENGAGED, STALE_NS, Board
 from runtime.display.served_page import BROKEN, DRIVING, READY, state_record
 
 NOW_NS = 5_000_000_000
@@ -79,22 +79,28 @@ def test_what_is_no_state_is_counted_and_changes_nothing() -> None:
         assert shown(board)["state"]["mode"] == "READY"
 
 
+QUARRY = {"select_route": "quarry"}
+
+
 def test_a_route_is_chosen_by_its_name_before_the_vehicle_steers_and_while_there_is_data() -> None:
-    assert board_of(READY).obstacle("quarry", NOW_NS) is None
-    assert board_of(READY).obstacle("quarry", NOW_NS + 500_000_000) is None
+    assert board_of(READY).obstacle(QUARRY, NOW_NS) is None
+    assert board_of(READY).obstacle(QUARRY, NOW_NS + 500_000_000) is None
     steering = [DRIVING, DRIVING | {"mode": "STEERING"}, READY | {"mode": None}]
     no_names: list[Any] = [None, [None, 7, {}]]
     others = [
-        {board.obstacle("quarry", NOW_NS) for board in map(board_of, steering)},
-        {board_of(READY | {"routes": routes}).obstacle("quarry", NOW_NS) for routes in no_names}
-        | {board_of(READY).obstacle("nowhere", NOW_NS)},
-        {Board().obstacle("quarry", NOW_NS), board_of(READY).obstacle("quarry", NOW_NS + 500_000_001)},
-        {board_of(READY).obstacle("old road", NOW_NS)},
+        {board.obstacle(QUARRY, NOW_NS) for board in map(board_of, steering)},
+        {board_of(READY | {"routes": routes}).obstacle(QUARRY, NOW_NS) for routes in no_names}
+        | {board_of(READY).obstacle({"select_route": "nowhere"}, NOW_NS)},
+        {
+            Board().obstacle(QUARRY, NOW_NS),
+            board_of(READY).obstacle(QUARRY, NOW_NS + 500_000_001),
+        },
+        {board_of(READY).obstacle({"select_route": "old road"}, NOW_NS)},
     ]
     # Each obstacle has its own words.
     assert [len(words) for words in others] == [1] * 4
     assert len(set().union(*others) - {None}) == 4
-    assert BROKEN["problem"] in str(board_of(READY).obstacle("old road", NOW_NS))
+    assert BROKEN["problem"] in str(board_of(READY).obstacle({"select_route": "old road"}, NOW_NS))
 
 
 def test_engaged_as_the_mode_machine_has_it() -> None:
@@ -105,15 +111,28 @@ def worked_record(worked: object) -> bytes:
     return pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, NOW_NS, json.dumps(worked).encode()))
 
 
+def test_a_level_is_chosen_among_those_that_are_offered() -> None:
+    board = board_of(READY)
+    assert board.obstacle({"select_level": 0.95}, NOW_NS) is not None
+    board.take_worked(
+        [worked_record({"runs": [], "level": 0.95, "levels": [0.95, 0.996]}), worked_record({"shape": []})]
+    )
+    assert board.obstacle({"select_level": 0.996}, NOW_NS) is None
+    assert board.obstacle({"select_level": 0.5}, NOW_NS) is not None
+    assert board.obstacle({"select_level": 0.996}, NOW_NS + 2 * STALE_NS) is not None
+    assert board.worked_version == 1
+    assert shown(board)["shape"] == {"shape": []}
+
+
 def test_what_is_worked_is_told_once_a_version_and_what_is_none_is_counted() -> None:
     board = board_of(READY)
     assert "worked" not in shown(board)
-    board.take_worked(worked_record({"runs": [[0, 1, 2]], "level": 0.95}))
+    board.take_worked([worked_record({"runs": [[0, 1, 2]], "level": 0.95})])
     assert board.worked_version == 1
     assert json.loads(board.text(NOW_NS, 0, with_path=False, with_worked=True))["worked"]["runs"] == [[0, 1, 2]]
-    board.take_worked(None)
-    board.take_worked(worked_record([1, 2]))
-    board.take_worked(pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, NOW_NS, b'{"level": 1e999}')))
-    board.take_worked(b"short")
+    board.take_worked([])
+    board.take_worked([worked_record([1, 2])])
+    board.take_worked([pack(Record(RecordKind.WORKED, Source.COVERAGE, 0, NOW_NS, b'{"level": 1e999}'))])
+    board.take_worked([b"short"])
     assert board.worked_version == 1
     assert board.refused_states == 3

@@ -11,10 +11,15 @@ import numpy as np
 from runtime.display.browser import Tab
 from runtime.display.served_page import BROKEN, DRIVING, READY, ServedPage, serve
 from validation.loops.browsed_page import (
+    ALONE,
     ERROR,
     FIELD,
+    OPEN_FIELD,
+    OPEN_SHAPE,
+    OPEN_WORKED,
     PLACE,
     SIZES,
+    TWICE,
     WORKED,
     check_plan,
     everything_is_shown,
@@ -90,6 +95,28 @@ def test_a_route_is_chosen_and_nothing_else(served: ServedPage, tab: Tab) -> Non
     assert served.requests() == [{"select_route": "quarry"}]
 
 
+def test_a_place_is_chosen_where_the_route_passes_twice(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, TWICE)
+    everything_is_shown(tab, SIZES[0])
+    assert "2 times" in tab.text("#route-title")
+    assert all(each in tab.text("#route-list") for each in ("A: 66.2 m along", "B: 231.0 m along", "346 m", "181 m"))
+    picture(tab, "places")
+    served.requests()
+    tab.evaluate("document.querySelectorAll('#route-list button')[1].click()")
+    tab.wait_for("document.getElementById('answer').textContent === ''")
+    served.show(TWICE | {"taken": "231.0 m along"})
+    tab.wait_for("document.querySelector('#route-list [aria-pressed=true]').textContent.includes('B: 231.0')")
+    assert served.requests() == [{"select_route": "meadow", "place": "231.0 m along"}]
+
+
+def test_without_a_map_the_page_shows_how_well_gnss_knows_the_place(served: ServedPage, tab: Tab) -> None:
+    show(served, tab, ALONE)
+    everything_is_shown(tab, SIZES[0])
+    assert (tab.text("#correlation-title"), tab.text("#correlation")) == ("Position", "2.1 cm")
+    assert "GNSS/INS alone" in tab.text("#share")
+    picture(tab, "gnss")
+
+
 def test_names_are_text(served: ServedPage, tab: Tab) -> None:
     markup = "<img src=x onerror=document.title='hurt'><b>"
     state = READY | {"warnings": [markup], "routes": [{"name": markup, "length_m": None, "problem": markup}]}
@@ -144,6 +171,38 @@ def test_a_field_shows_its_line_tool_gnss_and_what_is_worked(served: ServedPage,
     assert "OFF" not in told.split()
     show(served, tab, FIELD | {"field": FIELD["field"] | {"turns": False}})
     assert "OFF" in tab.evaluate("document.body.innerText").split()
+
+
+def test_without_a_plan_the_tool_is_seen_as_it_is_claimed_and_the_level_is_chosen(served: ServedPage, tab: Tab) -> None:
+    served.show_worked(OPEN_WORKED)
+    served.shape = OPEN_SHAPE
+    served.requests()
+    for size in (SIZES[0], (390, 844)):
+        show(served, tab, OPEN_FIELD, size)
+        tab.wait_for("document.querySelectorAll('#levels button').length === 4")
+        everything_is_shown(tab, size)
+        told = tab.evaluate("document.body.innerText")
+        for number in ("95 %", "1.02", "1.20 m", "5.5 cm", "15.1 m²", "15 cm"):
+            assert number in told, number
+        assert "%" not in tab.text("#routes").replace("95 %", "")
+    # In the picture of the tool the claimed part has its colour, and does not fill the outline.
+    place = "document.getElementById('tool-shape').getBoundingClientRect()"
+    box = tab.evaluate(f"(b => [b.left, b.top, b.width, b.height])({place})")
+    left, top, width, height = (round(each) for each in box)
+    seen = picture(tab, "tool-shape")[top : top + height, left : left + width]
+    claimed = np.abs(seen - np.array([0x58, 0xB8, 0x80]) / 255.0).max(axis=-1) < 0.02
+    assert 0.05 < claimed.mean() < 0.5
+    tab.evaluate("document.querySelectorAll('#levels button')[3].click()")
+    tab.wait_for("document.getElementById('answer').textContent === ''")
+    served.shape = OPEN_SHAPE | {"shape": [], "level": 0.996, "pass_m": [-0.455, 0.455]}
+    tab.wait_for("document.querySelector('#levels [aria-pressed=true]').textContent === '99.6'")
+    assert "0.91" in tab.text("#claim")
+    assert served.requests() == [{"select_level": 0.996}]
+    # Without a heading nothing is claimed; a shape that comes no more is not shown as if it were now.
+    served.show(OPEN_FIELD | {"field": OPEN_FIELD["field"] | {"heading_known": False}})
+    tab.wait_for("!document.getElementById('claim').innerText.includes('0.91')")
+    served.shape = None
+    tab.wait_for("document.getElementById('claim').hidden", 5.0)
 
 
 def test_before_engaging_the_plan_is_seen_as_it_will_be_driven(served: ServedPage, tab: Tab) -> None:

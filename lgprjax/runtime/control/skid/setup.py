@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,7 +40,7 @@ class SkidLoaded(NamedTuple):
     Attributes:
         setup: of the compiled step.
         belief: commanded state of the tool.
-        frame: of the plan; ``None`` without one.
+        frame: of the plan; without one that of a control loop that died, else ``None``.
         name: of the field; ``None`` without a plan: nothing can be driven then.
         perimeter_m: of the field, corners; none without a plan.
         lines: of the plan.
@@ -68,12 +69,15 @@ class SkidLoaded(NamedTuple):
     machine: str = ""
 
 
-def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoaded:
+def load_skid(
+    config: RuntimeConfig, place: RoutePlace | None = None, anchor: Sequence[float] | None = None
+) -> SkidLoaded:
     """Read vehicle and plan, and what is taken up of earlier runs.
 
     Args:
         config: of the run.
         place: to begin at, of a control loop that was relaunched; ``None``: where the run begins.
+        anchor: without a plan, latitude, longitude and height of the frame of a control loop that was relaunched.
 
     Raises:
         InputError: the vehicle file or the plan cannot be used, the plan is for another tool, or what is taken up is of
@@ -91,7 +95,7 @@ def load_skid(config: RuntimeConfig, place: RoutePlace | None = None) -> SkidLoa
         return SkidLoaded(
             setup,
             belief,
-            None,
+            None if anchor is None else LocalFrame(*anchor),
             None,
             none,
             0,

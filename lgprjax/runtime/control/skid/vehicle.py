@@ -55,6 +55,14 @@ from lgprjax.runtime.words import ARRIVED, limited_words, reason_words, whole
 
 _MOST_POINTS = 1500
 _PATH_TICKS = 100
+_TRAIL_STEP_M = 0.5
+
+
+def add_to_trail(trail: list[list[float]], x_m: float, y_m: float) -> None:
+    """The way driven so far, for the page: a point each half metre, the last ones."""
+    if math.isfinite(x_m) and (not trail or math.hypot(x_m - trail[-1][0], y_m - trail[-1][1]) >= _TRAIL_STEP_M):
+        trail.append([round(x_m, 2), round(y_m, 2)])
+        del trail[:-_MOST_POINTS]
 
 
 class FieldPanel:
@@ -68,6 +76,7 @@ class FieldPanel:
         self._loaded = loaded
         rows = np.asarray(loaded.route.rows, np.float64)[: int(loaded.route.count), :2]
         few = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_POINTS).astype(int))]
+        # Without a plan: the way driven.
         self._points = [] if loaded.name is None else [[round(float(x), 2), round(float(y), 2)] for x, y in few]
         self._perimeter = [[round(float(x), 2), round(float(y), 2)] for x, y in loaded.perimeter_m]
         parts = () if loaded.ground is None else loaded.ground.polygons_m
@@ -79,6 +88,8 @@ class FieldPanel:
     ) -> dict[str, Any]:
         """Display state of a tick, in addition to the modes."""
         belief, line = self._loaded.belief, whole(result.line, -1)
+        if self._loaded.name is None:
+            add_to_trail(self._points, result.x_m, result.y_m)
         state: dict[str, Any] = {
             "route": self._loaded.name,
             "routes": [],
@@ -305,6 +316,7 @@ class SkidSteerVehicle:
         self._sensed = _VEHICLE_NOTHING
         self._watched = SkidWatched(Watch(0), SkidFound(0), Severity.CONTINUE, [], False, None)
         self._ticks, self._corners = 0, 0
+        self._unanchored = loaded.frame is None
         self._notes: list[dict[str, Any]] = []
 
     @property
@@ -414,7 +426,7 @@ class SkidSteerVehicle:
     def inhibit_text(self) -> str:
         """An unknown heading, or a missing plan, which the operator can change."""
         if self._loaded.name is None:
-            return "no plan: mark three corners, then lgprjax cover plan"
+            return "no plan: the ground is recorded while you drive"
         return findings.TEXT[SkidFound.HEADING_UNKNOWN] if self._found() & SkidFound.HEADING_UNKNOWN else ""
 
     def slow(self) -> list[str]:
@@ -430,8 +442,12 @@ class SkidSteerVehicle:
         return [*words, *([_WAITS] if waits else []), *others]
 
     def notes(self) -> list[dict[str, Any]]:
-        """Corners, marked or refused."""
+        """Corners, marked or refused; without a plan the frame of positions, once it is known."""
         notes, self._notes = self._notes, []
+        frame = self.senses.frame
+        if self._unanchored and frame is not None:
+            self._unanchored = False
+            notes.append({"anchor": [frame.latitude_deg, frame.longitude_deg, frame.height_m]})
         return notes
 
     def release(self, engage: int) -> OutgoingFrame:
@@ -441,10 +457,15 @@ class SkidSteerVehicle:
     def leave(self) -> None:
         """Engaged again, it continues where it left its route."""
 
-    def choose(self, name: str) -> bool:
+    def choose(self, name: str, place: str) -> bool:
         """There are no routes to select."""
-        del name
+        del name, place
         return False
+
+    def next_place(self, by: int) -> dict[str, str] | None:
+        """A plan has one place for a vehicle."""
+        del by
+        return None
 
     def _found(self) -> SkidFound:
         """Findings of the watches and of the last step."""

@@ -1,8 +1,8 @@
 // The operator's page: shows what the control process says, and says loudly when it says nothing.
 
-import { drawPlan, points } from "./plan.js";
-import { MANOEUVRE_MODES, commandWords, drawColumn, lineWords, promptWords, radarWords } from "./record.js";
-import { FIELD_MODES, computedCorner, fieldWords, toolWords } from "./field.js";
+import { LETTERS, drawPlan, frame, placesOf, points } from "./plan.js";
+import { MANOEUVRE_MODES, cartWords, commandWords, drawColumn, lineWords, promptWords, radarWords } from "./record.js";
+import { FIELD_MODES, claimWords, computedCorner, drawToolPicture, fieldWords, isOpen, shapeOf, toolWords } from "./field.js";
 
 const STALE_S = 0.5;
 const NOMINAL_M = 0.305, MOST_M = 0.914; // one foot and three
@@ -43,7 +43,7 @@ const tell = (id, text) => { if (at(id).textContent !== text) at(id).textContent
 
 let socket = null, session = null, asked = 0;
 let received_s = -Infinity, age_s = null, leastDelay_s = Infinity, delay_s = 0;
-let state = null, path = [], worked = null, refused = 0, vehicleUp = false, broken = false, closedBecause = "";
+let state = null, path = [], worked = null, shape = null, refused = 0, vehicleUp = false, broken = false, closedBecause = "";
 
 // --- what the vehicle is doing -----------------------------------------------------------------------------------
 function showMode(mode, refusedNow) {
@@ -52,8 +52,9 @@ function showMode(mode, refusedNow) {
   at("top").dataset.refused = refusedNow ? "yes" : "no";
   const calibrates = Boolean(state && state.manoeuvre) && ENGAGED.includes(mode);
   tell("mode", calibrates ? "CALIBRATING" : word);
+  const open = state && isOpen(state.field) && (mode === "READY" || mode === "MANUAL");
   const sentences = state && (state.field ? FIELD_MODES : state.manoeuvre ? MANOEUVRE_MODES : null);
-  const own = sentences && sentences[refusedNow ? "READY_REFUSED" : mode];
+  const own = sentences && sentences[open ? "OPEN" : refusedNow ? "READY_REFUSED" : mode];
   tell("mode-text", own || sentence);
   at("shape-path").setAttribute("d", shape);
 }
@@ -84,7 +85,7 @@ function sayings(mode, engaged) {
   for (const fault of texts(state.faults)) {
     if (!state.cause) said.push(["bad", `■ Fault: ${plain(fault)}`]);
   }
-  if (!engaged && refusal() !== null) said.push(["warn", `▲ Cannot engage: ${fileName(refusal())}`]);
+  if (!engaged && refusal() !== null && !isOpen(state.field)) said.push(["warn", `▲ Cannot engage: ${fileName(refusal())}`]);
   const reasons = texts(state.reasons).map(plain), slow = texts(state.slow).map(plain);
   // Who drives himself is not stopped or slowed: then a reason is a warning, once.
   if (engaged && state.reaction === "STOP") said.push(["bad", `■ Stopping: ${reasons.join(", ")}`]);
@@ -123,9 +124,21 @@ function showWords(mode, engaged) {
   }
 }
 
+// Without a map nothing is matched: how well GNSS/INS knows the place.
+function showPosition() {
+  const bounded = (state.bounded_by || []).length > 0;
+  tell("correlation-title", "Position");
+  tell("share", "GNSS/INS alone");
+  tell("correlation", isNumber(state.sigma_cross_m) ? `${(100 * state.sigma_cross_m).toFixed(1)} cm` : "–");
+  tell("correlation-more", bounded ? "1σ across the route" : "1σ across, nothing bounds it");
+  at("correlation").className = `figure ${bounded ? "" : "warn"}`;
+}
+
 function showCorrelation() {
   tell("correlation", fixed(state.correlation, 2));
-  tell("correlation-more", typeof state.code === "string" ? CODES[state.code] || state.code : "no scan");
+  const by = texts(state.bounded_by), alone = by.length === 1 && by[0] === "GNSS";
+  const code = typeof state.code === "string" ? CODES[state.code] || state.code : "no scan";
+  tell("correlation-more", alone ? `${code}; driven by GNSS/INS` : code);
   tell("share", isNumber(state.ok_share) ? `${Math.round(100 * state.ok_share)} % good in 10 s` : "");
   at("correlation").className = `figure ${state.code === "ok" ? "" : "warn"}`;
 }
@@ -140,19 +153,20 @@ function showTool() {
 }
 
 function showRecord() {
-  tell("correlation-title", "Radar");
-  const radar = radarWords(state);
+  tell("correlation-title", state.field ? "Map accuracy" : "Radar");
+  const radar = state.field ? cartWords(state.field) : radarWords(state);
   tell("share", "");
   tell("correlation", radar.figure);
   tell("correlation-more", radar.more);
   at("correlation").className = `figure ${radar.kind}`;
-  tell("speed", fixed(state.speed_mps, 1));
+  tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
   tell("speed-more", "");
-  tell("cross-title", "Recorded");
+  tell("cross-title", state.field ? "Mapped" : "Recorded");
   tell("cross", `${fixed(state.travel_m, 0)} m`);
   tell("route-title", "Connections");
+  const own = state.field ? fieldWords(state.field, worked, false) : [];
   at("route-list").replaceChildren(
-    ...lineWords(state).map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+    ...[...own, ...lineWords(state)].map((text) => Object.assign(document.createElement("p"), { textContent: text })));
 }
 
 function showManoeuvre() {
@@ -171,12 +185,37 @@ function showManoeuvre() {
 }
 
 function showField(engaged) {
-  tell("route-title", typeof state.route === "string" ? `Field ${fileName(state.route)}` : "No plan: mark three corners");
+  tell("route-title", typeof state.route === "string" ? `Field ${fileName(state.route)}` : "No plan: recorded as you drive");
   const words = fieldWords(state.field, worked, engaged);
   const all = JSON.stringify(words);
   if (at("route-list").dataset.all === all) return;
   at("route-list").dataset.all = all;
   at("route-list").replaceChildren(...words.map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+}
+
+// The tool at the level of confidence for the errors of this moment, and the levels to choose from.
+function showClaim() {
+  at("claim").hidden = !(state.field && shape);
+  if (at("claim").hidden) return;
+  const known = state.field.heading_known === true, words = claimWords(shape, known);
+  tell("claim-title", words.title);
+  tell("claim-width", words.claimed);
+  tell("claim-more", words.more);
+  const levels = worked && Array.isArray(worked.levels) ? worked.levels.filter(isNumber) : [];
+  const all = JSON.stringify([levels, shape.level]);
+  if (at("levels").dataset.all !== all) {
+    at("levels").dataset.all = all;
+    at("levels").replaceChildren(...levels.map((level) => {
+      const button = Object.assign(document.createElement("button"), { type: "button", textContent: fixed(100 * level, 1).replace(".0", "") });
+      button.setAttribute("aria-pressed", String(level === shape.level));
+      button.setAttribute("aria-label", `${button.textContent} percent`);
+      button.addEventListener("click", () => ask({ select_level: level }));
+      return button;
+    }));
+  }
+  const style = getComputedStyle(document.documentElement);
+  const { pen, width, height } = frame(at("tool-shape"));
+  drawToolPicture(pen, width, height, shape, known, (name) => style.getPropertyValue(name).trim());
 }
 
 // A servo that has lost torque: the look-ahead is longer than the schedule's.
@@ -189,11 +228,13 @@ function torqueWords() {
 function showFigures() {
   tell("speed", fixed(state.speed_mps, state.field ? 2 : 1));
   const own = ENGAGED.includes(state.mode) && isNumber(state.limit_mps);
-  const set = own ? `limit ${fixed(state.limit_mps, 1)}` : isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : "not held";
+  const held = isNumber(state.set_speed_mps) ? `set ${fixed(state.set_speed_mps, 2)}` : isOpen(state.field) ? "" : "not held";
+  const set = own ? `limit ${fixed(state.limit_mps, 1)}` : held;
   // A limit above the set speed limits nothing.
   const limits = !own && isNumber(state.cap_mps) && !(isNumber(state.set_speed_mps) && state.cap_mps >= state.set_speed_mps);
   tell("speed-more", limits && ENGAGED.includes(state.mode) ? `${set}, limit ${fixed(state.cap_mps, 1)}` : set);
   if (state.field) showTool();
+  else if (state.lgpr === false) showPosition();
   else showCorrelation();
   const cross = state.cross_track_m, size = Math.abs(cross);
   const kind = !isNumber(cross) || size <= NOMINAL_M ? "" : size <= MOST_M ? "warn" : "bad";
@@ -208,23 +249,33 @@ function showFigures() {
 function showRoutes(engaged) {
   const routes = (Array.isArray(state.routes) ? state.routes : []).filter((r) => r && typeof r.name === "string");
   const shown = engaged ? routes.filter((r) => r.name === state.route) : routes;
-  tell("route-title", engaged ? "Route" : "Choose a route");
-  const all = JSON.stringify([shown, state.route, engaged]);
+  const places = engaged ? [] : placesOf(state);
+  tell("route-title", engaged ? "Route" : places.length ? `The route passes here ${places.length} times: choose` : "Choose a route");
+  const all = JSON.stringify([shown, state.route, engaged, places.map((p) => [p.place, Math.round(p.to_go_m)]), state.taken]);
   if (at("route-list").dataset.all === all) return;
   at("route-list").dataset.all = all;
-  at("route-list").replaceChildren(...shown.map((route) => {
-    const button = document.createElement("button");
-    const name = document.createElement("span"), more = document.createElement("em");
-    name.textContent = `${route.name === state.route ? "●\u00a0" : "○\u00a0"}${routeName(route.name)}`;
+  at("route-list").classList.toggle("two", places.length > 0);
+  at("route-list").replaceChildren(...places.map((place, at_) => choice(place.place === state.taken,
+    `${LETTERS[at_]}: ${place.place}`, `${Math.round(place.to_go_m)} m to go`, () => ask({ select_route: state.route, place: place.place }))),
+  ...shown.map((route) => {
+    const more = route.problem ? fileName(String(route.problem)) : isNumber(route.length_m) ? `${Math.round(route.length_m)} m` : "";
+    const button = choice(route.name === state.route, routeName(route.name), more, () => ask({ select_route: route.name }));
     button.title = route.name;
-    more.textContent = route.problem ? fileName(String(route.problem)) : isNumber(route.length_m) ? `${Math.round(route.length_m)} m` : "";
-    button.append(name, more);
-    button.type = "button";
     button.disabled = engaged || Boolean(route.problem);
-    button.setAttribute("aria-pressed", String(route.name === state.route));
-    button.addEventListener("click", () => select(route.name));
     return button;
   }));
+}
+
+function choice(chosen, text, moreText, act) {
+  const button = document.createElement("button");
+  const name = document.createElement("span"), more = document.createElement("em");
+  name.textContent = `${chosen ? "●\u00a0" : "○\u00a0"}${text}`;
+  more.textContent = moreText;
+  button.append(name, more);
+  button.type = "button";
+  button.setAttribute("aria-pressed", String(chosen));
+  button.addEventListener("click", act);
+  return button;
 }
 
 function showFoot() {
@@ -248,9 +299,11 @@ function render() {
   showMode(mode, mode === "READY" && refusal() !== null);
   document.body.classList.toggle("record", Boolean(state.lines || state.manoeuvre));
   document.body.classList.toggle("manoeuvre", Boolean(state.manoeuvre));
+  document.body.classList.toggle("open", isOpen(state.field));
   if (state.manoeuvre) showManoeuvre();
   else if (state.lines) showRecord();
   else showFigures();
+  showClaim();
   showWords(mode, engaged);
   if (state.lines || state.manoeuvre) tell("answer", "");
   else if (state.field) showField(engaged);
@@ -260,7 +313,9 @@ function render() {
 }
 
 function drawWhole() {
-  const { times, reverse, corner } = drawPlan(at("plan"), state, path, vehicleUp, worked, ENGAGED.includes(state.mode));
+  const { times, reverse, corner } = drawPlan(at("plan"), state, path, vehicleUp, worked, shape, ENGAGED.includes(state.mode));
+  tell("path-key", state.field && typeof state.route !== "string" ? "driven" : "path");
+  at("tool-key").hidden = !(state.field && shape);
   at("reverse-key").hidden = !reverse;
   at("corner-key").hidden = !corner;
   at("worked-key").hidden = !(state.field && worked && Array.isArray(worked.runs) && worked.runs.length);
@@ -309,6 +364,7 @@ function take(said) {
     refused = said.refused;
     if ("path" in said) path = points(said.path);
     if ("worked" in said) worked = said.worked;
+    shape = shapeOf(said.shape);
     received_s = now();
     if ("column" in said) drawColumn(at("radargram"), said.column);
     if (said.state === null) return;
@@ -318,11 +374,11 @@ function take(said) {
   watch();
 }
 
-function select(name) {
+function ask(wanted) {
   if (socket === null || socket.readyState !== WebSocket.OPEN || session === null) return;
   asked += 1;
   tell("answer", "");
-  socket.send(JSON.stringify({ session, number: asked, select_route: name }));
+  socket.send(JSON.stringify({ session, number: asked, ...wanted }));
 }
 
 function connect() {

@@ -9,13 +9,20 @@ export const FIELD_MODES = {
   STEERING: "The computer controls the vehicle. It is stationary.",
   SPEED: "The vehicle drives its plan.",
   MANUAL: "You drive by remote control.",
+  OPEN: "You drive by remote control. What is worked is recorded.",
 };
+// Without a plan nothing engages.
+export const isOpen = (field) => Boolean(field) && !field.lines;
 
 // The tool's tile: which line, whether the tool does what it was told, how deep.
 export function toolWords(field) {
   const line = isNumber(field.line) ? `line ${field.line} of ${field.lines}` : field.lines ? `turn, ${field.lines} lines` : "";
   const wrong = field.told_on && !(field.turns && field.depth_right);
   const figure = field.turns ? centimetres(field.depth_m) : field.turns === false ? "OFF" : "–";
+  if (isOpen(field)) {
+    const off = field.turns && !field.depth_right;
+    return { line, figure, more: off ? "▲ wrong depth" : field.turns ? "at its depth" : "not counted", kind: off ? "warn" : "" };
+  }
   const told = field.told_on ? `command: on, ${centimetres(field.depth_asked_m)}` : "command: off";
   return { line, figure, more: wrong ? `▲ ${told}` : told, kind: wrong ? "warn" : "" };
 }
@@ -39,15 +46,81 @@ export function fieldWords(field, worked, engaged) {
   if (plan && !engaged) {
     words.push(`Plan: ${plan.swaths.length} swaths, ${Math.round(plan.length_m)} m, ${duration(plan.time_s)}`);
   }
-  if (worked && isNumber(worked.worked_m2) && worked.field_m2 > 0) {
+  if (worked && isNumber(worked.worked_m2)) {
     const share = Math.floor((1000 * worked.worked_m2) / worked.field_m2) / 10;
-    words.push(`Worked at ${(100 * worked.level).toFixed(1).replace(".0", "")} %: ${share} % of ${Math.round(worked.field_m2)} m²`);
+    const area = worked.field_m2 > 0 ? `${share} % of ${Math.round(worked.field_m2)} m²` : `${worked.worked_m2.toFixed(1)} m²`;
+    words.push(`Worked at ${percent(worked.level)}: ${area}`);
+    if (worked.full === true) words.push("▲ The live map is full. Recording goes on.");
   }
   const off = isNumber(field.gnss_age_s) && field.gnss_age_s > 1.6;
   words.push(off ? `▲ GNSS off for ${Math.floor(field.gnss_age_s)} s` : `GNSS ${field.gnss}`);
   const sigma = isNumber(field.sigma_heading_deg) ? ` ± ${field.sigma_heading_deg.toFixed(1)}°` : "";
   words.push(field.heading_known ? `Heading known${sigma}` : "▲ Heading not known");
   return words;
+}
+
+// --- the tool at the level of confidence -------------------------------------------------------------------------
+const percent = (level) => `${(100 * level).toFixed(1).replace(".0", "")} %`;
+const pair = (value) => Array.isArray(value) && value.length > 1 && value.every(isNumber);
+// Of a shape that the page can draw, whatever came.
+export const shapeOf = (value) =>
+  value && pair(value.tool) && value.tool.length === 4 && pair(value.pass_m) && Array.isArray(value.shape)
+    && value.shape.every(pair) && isNumber(value.level) ? value : null;
+
+// Beside the tool's picture: level, width that a pass claims, and the error that it follows from.
+export function claimWords(shape, known) {
+  const width = shape.pass_m[1] - shape.pass_m[0], whole = 2 * shape.tool[3];
+  const sigma = isNumber(shape.sigma_m) ? `position ± ${(100 * shape.sigma_m).toFixed(1)} cm` : "position unknown";
+  const claimed = known && width > 0 ? `${width.toFixed(2)} of ${whole.toFixed(2)} m per pass` : "▲ nothing claimed";
+  return { title: `Tool at ${percent(shape.level)}`, claimed, more: known ? sigma : "heading not known" };
+}
+
+const trace = (pen, corners, close) => {
+  pen.beginPath();
+  corners.forEach((corner, i) => (i ? pen.lineTo(...corner) : pen.moveTo(...corner)));
+  if (close) pen.closePath();
+};
+const corners = ([ahead, left, length, width]) =>
+  [[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([a, b]) => [ahead + a * length, left + b * width]);
+
+// The tool's outline, what of it is claimed now, and the width that a straight pass claims; ``at`` places body points.
+function drawClaim(pen, shape, known, at, colour, width) {
+  if (known && shape.shape.length > 2) {
+    pen.fillStyle = colour("--claimed");
+    trace(pen, shape.shape.map(at), true);
+    pen.fill();
+  }
+  pen.strokeStyle = colour("--ink");
+  pen.lineWidth = width;
+  trace(pen, corners(shape.tool).map(at), true);
+  pen.stroke();
+  if (known && shape.pass_m[1] > shape.pass_m[0]) {
+    const [ahead, left] = shape.tool;
+    pen.strokeStyle = colour("--claimed-edge");
+    pen.lineWidth = width + 1;
+    trace(pen, shape.pass_m.map((side) => at([ahead, left + side])), false);
+    pen.stroke();
+  }
+}
+
+// At the vehicle's place, in the plan.
+export function drawTool(pen, shape, known, [x, y, yaw], place, colour) {
+  const cos = Math.cos(yaw), sin = Math.sin(yaw);
+  drawClaim(pen, shape, known, ([a, l]) => place(x + a * cos - l * sin, y + a * sin + l * cos), colour, 2);
+}
+
+// Large, the way forward up; with a scale bar of ten centimetres.
+export function drawToolPicture(pen, width, height, shape, known, colour) {
+  const [ahead, left, length, half] = shape.tool;
+  const px_m = Math.min((width - 12) / (2 * half), (height - 24) / (2 * length));
+  drawClaim(pen, shape, known, ([a, l]) => [width / 2 - (l - left) * px_m, (height - 12) / 2 - (a - ahead) * px_m], colour, 2);
+  pen.fillStyle = pen.strokeStyle = colour("--faint");
+  pen.lineWidth = 2;
+  trace(pen, [[4, height - 5], [4 + 0.1 * px_m, height - 5]], false);
+  pen.stroke();
+  pen.font = "bold 11px sans-serif";
+  pen.textAlign = "left";
+  pen.fillText("10 cm", 8 + 0.1 * px_m, height - 1);
 }
 
 // Worked blocks and the perimeter, under the path.

@@ -2,9 +2,10 @@
 
 const LEAST_HALF_M = 18;
 const VEHICLE_PX = 17;
+const NEAR_M = 3; // shown around a vehicle without a plan
 const SPARE_PX = 44; // above and below a field: scale bar, north arrow, legend
 
-import { drawField, drawOrder } from "./field.js";
+import { drawField, drawOrder, drawTool } from "./field.js";
 
 const number = (value) => typeof value === "number" && Number.isFinite(value);
 const pose = (value) => (Array.isArray(value) && value.length >= 3 && value.slice(0, 3).every(number) ? value : null);
@@ -23,9 +24,16 @@ function halfWidth(path, vehicle) {
 }
 
 // Before anything is engaged all of a field is shown, with the vehicle: its middle, and pixels a metre.
-function overview(field, vehicle, turn, width, height) {
+function overview(field, path, worked, vehicle, turn, width, height) {
   const rings = [field.perimeter, ...(Array.isArray(field.fence) ? field.fence : [])];
   const seen = [...rings.flatMap(points), ...(vehicle ? [vehicle] : [])];
+  // Without a plan: what is worked, the way driven, and some metres around the vehicle.
+  if (seen.length === 1) {
+    const blocks = worked && Array.isArray(worked.runs) ? worked.runs : [];
+    const ends = blocks.flatMap(([row, first, count]) => [[first, row], [first + count, row + 1]]);
+    seen.push(...path, ...ends.map(([a, b]) => [worked.east_m + a * worked.block_m, worked.north_m + b * worked.block_m]));
+    seen.push(...[-1, 1].flatMap((a) => [-1, 1].map((b) => [vehicle[0] + a * NEAR_M, vehicle[1] + b * NEAR_M])));
+  }
   if (seen.length < 3) return null;
   const cos = Math.cos(turn), sin = Math.sin(turn);
   const spans = [([x, y]) => x * cos + y * sin, ([x, y]) => y * cos - x * sin].map((along) => {
@@ -40,7 +48,7 @@ function overview(field, vehicle, turn, width, height) {
   };
 }
 
-function frame(canvas) {
+export function frame(canvas) {
   const ratio = window.devicePixelRatio || 1;
   const width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
@@ -97,6 +105,30 @@ function drawPath(pen, path, place, ink, width) {
   pen.stroke();
 }
 
+// Where the route passes here several times: how it goes on from each place, with the letters of the list.
+export const LETTERS = "ABCDEFGH";
+export const placesOf = (state) => (Array.isArray(state.places) ? state.places : []).filter(
+  (p) => p && typeof p.place === "string" && number(p.to_go_m)).slice(0, LETTERS.length);
+
+function drawPlaces(pen, state, place, colour) {
+  placesOf(state).forEach((each, at) => {
+    const ahead = points(each.ahead);
+    if (!ahead.length) return;
+    pen.setLineDash([14, 6 + 8 * at]);
+    drawPath(pen, ahead, place, colour("--vehicle"), each.place === state.taken ? 9 : 4);
+    pen.setLineDash([]);
+    const [x, y] = place(...ahead[ahead.length - 1]);
+    pen.fillStyle = colour("--paper");
+    pen.beginPath();
+    pen.arc(x, y, 13, 0, 2 * Math.PI);
+    pen.fill();
+    pen.fillStyle = colour("--ink");
+    pen.font = "bold 18px sans-serif";
+    pen.textAlign = "center";
+    pen.fillText(LETTERS[at], x, y + 6);
+  });
+}
+
 function drawVehicle(pen, at, heading, ink) {
   pen.save();
   pen.translate(...at);
@@ -123,7 +155,7 @@ function drawGnss(pen, at, ink) {
 }
 
 // Draws, and returns how many times the uncertainty is enlarged, null where none is known, and what the legend names.
-export function drawPlan(canvas, state, path, vehicleUp, worked, engaged) {
+export function drawPlan(canvas, state, path, vehicleUp, worked, shape, engaged) {
   const { pen, width, height } = frame(canvas);
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(name).trim();
@@ -138,8 +170,10 @@ export function drawPlan(canvas, state, path, vehicleUp, worked, engaged) {
   }
   // Angles of the canvas run clockwise, yaw runs counter-clockwise from east.
   const turn = vehicleUp ? centre[2] - Math.PI / 2 : 0;
-  const whole = state.field && !engaged ? overview(state.field, vehicle, turn, width, height) : null;
-  const px_m = whole ? whole.px_m : Math.min(width, height) / 2 / halfWidth(path, centre);
+  const whole = state.field && !engaged ? overview(state.field, path, worked, vehicle, turn, width, height) : null;
+  const ahead = engaged ? [] : placesOf(state).flatMap((each) => points(each.ahead));
+  const reach_m = 1.15 * Math.max(0, ...ahead.map(([x, y]) => Math.hypot(x - centre[0], y - centre[1])));
+  const px_m = whole ? whole.px_m : Math.min(width, height) / 2 / Math.max(halfWidth(path, centre), reach_m);
   const middle = whole ? whole.middle : centre;
   const place = (x, y) => {
     const east = x - middle[0], north = y - middle[1];
@@ -149,6 +183,7 @@ export function drawPlan(canvas, state, path, vehicleUp, worked, engaged) {
   };
   if (state.field) drawField(pen, state.field, worked, place, colour);
   drawPath(pen, path, place, colour("--path"), state.field ? 2 : 5);
+  if (!engaged) drawPlaces(pen, state, place, colour);
   const named = state.field ? drawOrder(pen, worked, place, colour, engaged) : { reverse: false, corner: false };
   let times = null;
   if (vehicle) {
@@ -163,6 +198,7 @@ export function drawPlan(canvas, state, path, vehicleUp, worked, engaged) {
         Math.abs(state.sigma_along_m) * across, heading, 0, 2 * Math.PI);
       pen.stroke();
     }
+    if (shape) drawTool(pen, shape, state.field.heading_known, vehicle, place, colour);
     drawVehicle(pen, place(vehicle[0], vehicle[1]), heading, colour("--vehicle"));
   }
   if (gnss) drawGnss(pen, place(gnss[0], gnss[1]), colour("--gnss"));

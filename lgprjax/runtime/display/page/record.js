@@ -12,12 +12,25 @@ export function radarWords(state) {
   return { figure, more: `${state.scans} scans`, kind: silent ? "warn" : "" };
 }
 
+// The tile of a hand cart: one sigma of the position and of the heading that the map is made with.
+export function cartWords(field) {
+  const { mapped_sigma_m: m, mapped_sigma_heading_deg: deg } = field;
+  if (!isNumber(m) || !isNumber(deg)) return { figure: "–", more: "▲ nothing mapped", kind: "warn" };
+  return { figure: centimetres(m), more: `heading ± ${deg.toFixed(1)}°`, kind: "" };
+}
+
+const centimetres = (value) => (isNumber(value) ? `${(100 * value).toFixed(1)} cm` : "–");
+
 // Lines beside the plan: quality of the position, then each line's rate or silence.
 export function lineWords(state) {
   const sigma = isNumber(state.sigma_m) ? ` ± ${(100 * state.sigma_m).toFixed(state.sigma_m < 0.1 ? 1 : 0)} cm` : "";
   const words = [state.quality ? `Position: ${state.quality.toLowerCase()}${sigma}` : "▲ No position yet"];
-  if (state.lines.gnss) words.push(state.heading ? "Heading: from the receiver" : "Heading: from the track");
-  words.push(state.odometer ? "Travel: odometer" : "Travel: positions");
+  if (state.field) {
+    words[0] = `Newest place ± ${centimetres(state.field.sigma_m)}, mapped ${state.field.mapped_after_s.toFixed(0)} s later`;
+  } else {
+    if (state.lines.gnss) words.push(state.heading ? "Heading: from the receiver" : "Heading: from the track");
+    words.push(state.odometer ? "Travel: odometer" : "Travel: positions");
+  }
   for (const [name, line] of Object.entries(state.lines)) {
     const silent = !line.messages || line.age_s > 1;
     words.push(silent ? `▲ ${NAMES[name] || name}: no data` : `${NAMES[name] || name}: ${line.rate_hz.toFixed(0)} /s`);

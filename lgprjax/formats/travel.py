@@ -1,4 +1,4 @@
-"""Jumps in an odometer's record: detected, then bridged or left open. And its scale, by the fixes of the drive.
+"""Travel as recorded: jumps detected, then bridged or left open; scale by the fixes of the drive; noise of positions.
 
 The odometry of some logs is the distance between positions. Where the positions jump, such a record jumps with them. A
 jump is detected from the record alone: around it, the travel before and after is one smooth curve (a cubic) except for
@@ -7,10 +7,12 @@ annul every cubic, so that their sum over any travel is the integral of its acce
 Smaller steps, and those within the noise of the record, do not count.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 _ACCELERATION_MPS2 = 6.0
 """Acceleration when starting and braking. The kernel is odd, so that an acceleration of 6 that begins or ends anywhere
@@ -430,3 +432,147 @@ def scale_by_fixes(
     sigma = 1.25 * 1.4826 * float(np.median(np.abs(ratio - scale))) / np.sqrt(len(ratio))
     off = abs(scale - 1.0)
     return scale if max(_SCALE_LEAST, _SCALE_SIGMAS * sigma) < off < _SCALE_MOST else None
+
+
+# Travel from positions: white noise of theirs goes into every step of it, and is taken out by a smoothing spline.
+
+_LEAST_RECORDS = 8
+_RATIOS = np.arange(-8.0, 8.1, 0.5)
+"""Decimal logarithms of the noise's weight relative to that of the acceleration between neighbouring records."""
+_DOUBT = 2.0
+"""Log likelihood by which noise must be the better explanation of a record to be told from acceleration."""
+_SCATTER = 1.5
+"""The scatter of a short record is this uncertain."""
+_SAMPLED = 24
+_SPAN_M = 10.0
+
+
+class SmoothedTravel(NamedTuple):
+    """Travel with less noise than the positions that it comes from.
+
+    Attributes:
+        distance_m: signed cumulative travel at the records.
+        step_sigma_m, span_sigma_m: remaining error of a step between records, and of 10 m, root mean square over the
+            record, or an upper bound where noise and acceleration cannot be separated; NaN for short records.
+    """
+
+    distance_m: Float[np.ndarray, " record"]
+    step_sigma_m: float
+    span_sigma_m: float
+
+    def in_words(self) -> str:
+        """The source and noise of the travel, as text."""
+        if not np.isfinite(self.step_sigma_m):
+            return "from the positions"
+        steps, span = (f"{100.0 * sigma_m:.2g} cm" for sigma_m in (self.step_sigma_m, self.span_sigma_m))
+        return f"from the positions, smoothed: sigma {steps} a step, {span} over {_SPAN_M:g} m"
+
+
+def smoothed_travel(time_s: Float[np.ndarray, " record"], distance_m: Float[np.ndarray, " record"]) -> SmoothedTravel:
+    """Smooth travel that is the sum of steps between positions, except across jumps, which stay as they are.
+
+    Model: white acceleration and white noise, whose ratio is that of the largest likelihood; the estimate is a cubic
+    smoothing spline (Reinsch, 1967; de Jong and Ansley on its likelihood). Records without noise stay as they are.
+
+    Args:
+        time_s: strictly increasing, in any unit.
+        distance_m: signed cumulative travel with the noise of the positions in it.
+    """
+    mended = mend_travel(time_s, distance_m) if len(time_s) >= _LEAST_RECORDS else None
+    jumps = () if mended is None else (*mended.bridged, *mended.broken)
+    pieces = _pieces(time_s, sorted(jumps))
+    longest = max(pieces, key=lambda piece: piece.stop - piece.start)
+    if longest.stop - longest.start < _LEAST_RECORDS:
+        return SmoothedTravel(distance_m, np.nan, np.nan)
+    fitted = _Spline.most_likely(time_s[longest], distance_m[longest])
+    smooth = distance_m.copy()
+    for piece in pieces:
+        if piece.stop - piece.start >= _LEAST_RECORDS:
+            spline = fitted if piece == longest else _Spline(time_s[piece], distance_m[piece], fitted.weight)
+            smooth[piece] = spline.smooth()
+    own = distance_m[longest]
+    at = np.linspace(0, len(own) - 2, _SAMPLED).astype(int)
+    far = [int(np.argmax(np.abs(own[i:] - own[i]) >= _SPAN_M)) for i in at]
+    spans = [(int(i), int(i) + on) for i, on in zip(at, far, strict=True) if on] or [(0, len(own) - 1)]
+    steps = [(int(i), int(i) + 1) for i in at]
+    return SmoothedTravel(smooth, fitted.sigma_m(steps), fitted.sigma_m(spans))
+
+
+def _pieces(time_s: Float[np.ndarray, " record"], jumps: list[Jump]) -> list[slice]:
+    """Records between jumps."""
+    begin, out = 0, []
+    for jump in jumps:
+        out.append(slice(begin, int(np.searchsorted(time_s, jump.start_s, side="right"))))
+        begin = int(np.searchsorted(time_s, jump.stop_s, side="left"))
+    return [*out, slice(begin, len(time_s))]
+
+
+class _Spline:
+    """Cubic smoothing spline of a record, by its second differences.
+
+    Attributes:
+        weight: variance of the noise over the spectral density of the acceleration.
+        log_likelihood: of the weight, with the best variance for it.
+        noise_m: sigma of the noise with this weight.
+    """
+
+    def __init__(self, time_s: Float[np.ndarray, " record"], distance_m: Float[np.ndarray, " record"], weight: float):
+        step = np.diff(time_s)
+        self._distance_m, self.weight, self._bound_m = distance_m, weight, 0.0
+        self._rows = np.stack([1.0 / step[:-1], -1.0 / step[:-1] - 1.0 / step[1:], 1.0 / step[1:]])
+        low, mid, high = self._rows
+        band = np.zeros((3, len(low)))
+        band[2] = (step[:-1] + step[1:]) / 3.0 + weight * (self._rows**2).sum(axis=0)
+        band[1, 1:] = step[1:-1] / 6.0 + weight * (mid[:-1] * low[1:] + high[:-1] * mid[1:])
+        band[0, 2:] = weight * high[:-2] * low[2:]
+        self._factor = cholesky_banded(band)
+        bends = self._bends(distance_m)
+        self._solved = self._solve(bends)
+        density = max(float(bends @ self._solved) / len(bends), 1e-300)
+        self.log_likelihood = -0.5 * len(bends) * np.log(density) - float(np.log(self._factor[2]).sum())
+        self.noise_m = float(np.sqrt(weight * density))
+
+    @classmethod
+    def most_likely(cls, time_s: Float[np.ndarray, " record"], distance_m: Float[np.ndarray, " record"]) -> "_Spline":
+        """The spline whose weight explains the record best."""
+        usual = float(np.median(np.diff(time_s))) ** 3
+        # Noise is everywhere, acceleration now and then: noise is at most what most second differences scatter by.
+        most_m = 1.4826 * float(np.median(np.abs(np.diff(distance_m, 2)))) / np.sqrt(6.0)
+        splines = [cls(time_s, distance_m, usual * 10.0**ratio) for ratio in _RATIOS]
+        possible = [each for each in splines if each.noise_m <= _SCATTER * most_m] or splines[:1]
+        best = max(possible, key=lambda spline: spline.log_likelihood)
+        near = [each.noise_m for each in possible if each.log_likelihood >= best.log_likelihood - _DOUBT]
+        # Acceleration between records hides the noise.
+        best._bound_m = max((best.noise_m, *near, most_m if best.weight < usual else 0.0))
+        return best
+
+    def smooth(self) -> Float[np.ndarray, " record"]:
+        """The record without its noise."""
+        return np.asarray(self._distance_m - self.weight * self._spread(self._solved))
+
+    def sigma_m(self, pairs: Sequence[tuple[int, int]]) -> float:
+        """Error of the distance between pairs of records: by the model, or what the noise's upper bound leaves."""
+        by_model, by_noise = [], []
+        for i, j in pairs:
+            pair = np.zeros(len(self._distance_m))
+            pair[[i, j]] = -1.0, 1.0
+            bends = self._bends(pair)
+            solved = self._solve(bends)
+            by_model.append(self.noise_m**2 * (2.0 - self.weight * float(bends @ solved)))
+            by_noise.append(self._bound_m**2 * float(np.sum((pair - self.weight * self._spread(solved)) ** 2)))
+        return float(np.sqrt(max(float(np.mean(by_model)), float(np.mean(by_noise)), 0.0)))
+
+    def _solve(self, bends: Float[np.ndarray, " bend"]) -> Float[np.ndarray, " bend"]:
+        return np.asarray(cho_solve_banded((self._factor, False), bends))
+
+    def _bends(self, values: Float[np.ndarray, " record"]) -> Float[np.ndarray, " bend"]:
+        """Differences of neighbouring slopes."""
+        low, mid, high = self._rows
+        return np.asarray(low * values[:-2] + mid * values[1:-1] + high * values[2:])
+
+    def _spread(self, bends: Float[np.ndarray, " bend"]) -> Float[np.ndarray, " record"]:
+        """Transpose of ``_bends``."""
+        out = np.zeros(len(bends) + 2)
+        for shift, row in enumerate(self._rows):
+            out[shift : shift + len(bends)] += row * bends
+        return out
