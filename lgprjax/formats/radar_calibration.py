@@ -103,7 +103,7 @@ def read_radar_calibration(
         for finding in validate_store(store, path, _SCHEMA):
             raise finding.error()
         held = {entry.path[1:]: store[entry.path][:] for entry in _SCHEMA.datasets if entry.path in store}
-        group_delay_ns = float(np.float64(attribute_of(store, "group_delay_ns")))  # type: ignore[arg-type]
+        group_delay_ns = float(np.float64(attribute_of(store, "group_delay_ns")))  # type: ignore[arg-type]  # validated
     held["channel_valid"] = held["channel_valid"].astype(bool)
     known = SweepRecording(**{"channel_gain": gain, "channel_delay_ns": delay_ns} | held, group_delay_ns=group_delay_ns)
     if not np.all(known.lookup_calibration_sweep):

@@ -192,7 +192,7 @@ def _number(file: Path, name: str, at: int, row: _Row, column: str) -> float:
     if value in (None, "") and column not in _BOUNDS:
         return math.nan
     try:
-        number = float(value)  # type: ignore[arg-type]
+        number = float(value)  # type: ignore[arg-type]  # None is caught
     except (TypeError, ValueError):
         number = math.nan
     if not (math.isfinite(number) and abs(number) <= largest):

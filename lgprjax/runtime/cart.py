@@ -151,7 +151,7 @@ def _heard(data: bytes) -> tuple[list[_Heard], int]:
         if sample is not None and sample.accuracy is not None:
             told = sample.accuracy
             newest = next((i for i in range(len(heard) - 1, max(-1, len(heard) - 4), -1) if heard[i].position), None)
-            if newest is not None and heard[newest].position.tow_s == told.tow_s:  # type: ignore[union-attr]
+            if newest is not None and heard[newest].position.tow_s == told.tow_s:  # type: ignore[union-attr]  # chosen for its position
                 heard[newest] = heard[newest]._replace(sigma_m=told.sigma_m)
         position = None if sample is None else sample.position
         if position is not None and position.quality is Quality.NONE:

@@ -389,7 +389,7 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     runs = cut_runs(signals, WHAT)
     scale = odometer_scale(signals)
     fit = fit_way(runs, _by_fixes(signals, runs, scale)[None])
-    value, sigma = fit.value[0], np.hypot(fit.sigma[0], _by_late_commands(runs, fit.value))
+    value = fit.value[0]
     way_m = float(np.ptp(signals.travel_m[runs.record]))
     if fit.rms_m[0] > 0.05 * way_m:
         raise NotExcitedError(WHAT, "a distance that the commands explain", f"a difference of {fit.rms_m[0]:.2f} m rms")
@@ -398,6 +398,7 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
     if not known.all():
         open_names = ", ".join(name for name, commanded in zip(PEDAL_NAMES, known, strict=True) if not commanded)
         raise NotExcitedError(WHAT, "steps that determine every parameter", f"undetermined: {open_names}")
+    sigma = np.hypot(fit.sigma[0], _timing_sigma(runs, fit.value))
     found = [
         _in_metres(name, estimate(float(v), float(s), fit.degrees[0]), scale, fit.degrees[0])
         for name, v, s in zip(PEDAL_NAMES, value, sigma, strict=True)
@@ -445,8 +446,8 @@ def fit_way(runs: PedalRuns, travel_m: Float[np.ndarray, "lane record"]) -> WayF
     return _way_fit(runs, value, _levelled(runs, slope, weight[:, None]), _levelled(runs, raw, weight))
 
 
-def _by_late_commands(runs: PedalRuns, value: Float[np.ndarray, "1 parameter"]) -> Float[np.ndarray, " parameter"]:
-    """What a fit makes of a pedal that acts later by ``COMMAND_SIGMA_S``: a longer lag, and other gains with it."""
+def _timing_sigma(runs: PedalRuns, value: Float[np.ndarray, "1 parameter"]) -> Float[np.ndarray, " parameter"]:
+    """Change of the fit where a pedal acts later by ``COMMAND_SIGMA_S``: a longer lag, and another gain with it."""
     way, slope = predict_way(runs, value)
     even = np.ones_like(way)
     level_slope = _levelled(runs, slope, even[:, None])[0]
