@@ -45,7 +45,7 @@ _PAGE = _ROOT / "docs" / "api.md"
 _SESSION = """
 import jax
 
-many = lx.register_many(site, drives.values(), "out/", workers=2)
+many = lx.register_many(site, drives.values(), "out/", workers=1)
 
 batch = site.batch(drives["live"], scans=slice(0, 512))           # arrays on the device: tile, scans, priors
 poses = jax.jit(lx.match)(batch)                                  # the kernel, vmappable

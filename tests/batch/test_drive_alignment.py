@@ -8,7 +8,6 @@ import pytest
 
 from canon.site import Site
 from lgprjax.batch import RegisteredDrive, register_log
-from lgprjax.batch.recording import AS_STATED
 from lgprjax.batch.register import reversed_track
 from lgprjax.formats import DriveLog, DriveWriter, MapFile, TraceRecording
 from lgprjax.registration import RegisterOptions, Track
@@ -59,24 +58,6 @@ def test_an_altered_drive_is_found_and_told(site: Site, tmp_path: Path) -> None:
     share, worst_m = ok_and_off_m(drive)
     assert share > 0.9
     assert worst_m < 0.3
-
-
-def test_a_drive_as_its_header_says_is_left_alone(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    same = register(site, altered(site, tmp_path / "a.drive.h5"))
-    assert same.alignment == AS_STATED
-    # What the radar itself recorded is never looked at.
-    monkeypatch.setattr("lgprjax.batch.register.find_alignment", None)
-    plain = register(site, altered(site, tmp_path / "b.drive.h5", imported=False))
-    assert plain.alignment == AS_STATED == (1, 0.0, False, False, 0.0, None)
-    np.testing.assert_array_equal(np.asarray(plain.fix.pose), np.asarray(same.fix.pose))
-    np.testing.assert_array_equal(plain.fix.p_false, same.fix.p_false)
-
-
-def test_other_ground_agrees_with_no_hypothesis(site: Site, tmp_path: Path) -> None:
-    drive = register(site, altered(site, tmp_path / "a.drive.h5", name="impostor"))
-    assert (drive.alignment.sign, drive.alignment.later_ns) == (1, 0.0)
-    assert drive.alignment.told is not None
-    assert not np.any(drive.table["code"] == "ok")
 
 
 def test_a_line_walked_back_has_its_places_by_travel_at_any_speed() -> None:

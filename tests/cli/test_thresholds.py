@@ -39,7 +39,7 @@ def test_the_file_says_what_it_was_found_on(site: Site, calibrated: Path) -> Non
 
 
 def test_register_uses_it(site: Site, calibrated: Path, tmp_path: Path) -> None:
-    drives = [first_scans(site.logs[name], tmp_path / f"{name}.drive.h5", 200) for name in ("live", "impostor")]
+    drives = [first_scans(site.logs[name], tmp_path / f"{name}.drive.h5", 120) for name in ("live", "impostor")]
     succeed("register", site.map, *drives, "-o", tmp_path, "--window-m", 2, "--thresholds", calibrated)
     live, impostor = (pd.read_csv(tmp_path / f"{name}.fixes.csv") for name in ("live", "impostor"))
     tried = live["code"] != "no_window"

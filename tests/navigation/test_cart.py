@@ -119,17 +119,6 @@ def test_an_inch_and_a_degree_with_gnss_alone() -> None:
     assert judge(drives, found).known > 0.45
 
 
-def test_live_a_few_seconds_late_it_is_an_inch_and_a_degree() -> None:
-    """And of turns on the spot nothing is told, though the newest heading is wrong until the stop is noticed."""
-    drives = draw_cart_drives(runs=12, seconds=250.0, seed=19, on_the_spot=True)
-    now, late, ticks = live(MODEL, drives)
-    line = judge(late_drives(drives, ticks), late)
-    assert line.known > 0.4
-    newest = told(drives.truth, now, np.ones_like(drives.on_line))
-    assert np.mean(newest.error[:, 2] ** 2 > 16.0 * newest.covariance[:, 2, 2]) > 5e-3
-    assert newest.heading_deg > 2.0 * line.all.heading_deg
-
-
 def test_a_body_that_slides_in_bends_is_told() -> None:
     """Tracks point aside of their way in a bend, which one antenna cannot see: it stands in the covariance."""
     drives = draw_field_drives(runs=RUNS, seconds=SECONDS, seed=41, step_s=STEP_S, off_s=0.0)

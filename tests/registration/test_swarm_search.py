@@ -47,10 +47,6 @@ def test_places_are_those_of_the_exhaustive_search(site: Site, tmp_path: Path) -
     assert np.all(swarm.fix.p_false[ok_of(swarm)] <= 1e-4)
 
 
-def test_other_ground_has_no_place(site: Site, tmp_path: Path) -> None:
-    assert not ok_of(searched(site, first_metres(site, "impostor", tmp_path, scans=60), SEARCH_SWARM)).any()
-
-
 @pytest.mark.parametrize("neighbours", [2, None])
 def test_both_topologies_find_a_peak(neighbours: int | None) -> None:
     peak = jnp.asarray([0.3, -0.6, 0.1], dtype=jnp.float32)

@@ -12,7 +12,7 @@ from canon.site import Site
 from lgprjax.cli import main
 from validation.loops.searched_run import check_one_truth, searched_run
 
-_SCANS = 300
+_SCANS = 200
 
 
 def test_the_fixes_of_a_run_are_those_of_its_drive_log(site: Site, tmp_path: Path) -> None:

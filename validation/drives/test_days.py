@@ -1,7 +1,7 @@
 """Days of fixed difficulty: accuracy and availability of each, impostors and look-alikes refused.
 
 One road of each day, all days on two roads, twenty sites, and 10,000 and 100,000 scans of each kind of false ground;
-prints a table of accuracy by day. ``tests/batch/test_days.py`` is the short form.
+prints a table of accuracy by day. ``test_short_drives.py`` is the short form.
 """
 
 from collections.abc import Callable

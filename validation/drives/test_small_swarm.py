@@ -23,3 +23,7 @@ def test_the_seed_decides(site: Site, tmp_path: Path) -> None:
     path = first_metres(site, "live", tmp_path)
     one, again = (searched(site, path, SEARCH_SWARM) for _ in range(2))
     np.testing.assert_array_equal(np.asarray(one.fix.pose), np.asarray(again.fix.pose))
+
+
+def test_other_ground_has_no_place(site: Site, tmp_path: Path) -> None:
+    assert not ok_of(searched(site, first_metres(site, "impostor", tmp_path, scans=60), SEARCH_SWARM)).any()

@@ -90,3 +90,9 @@ def test_a_thousand_drawn_fields(record_property: Callable[[str, object], None])
             f"95 %, median {np.median(told):.4f}, least {told.min():.3f}",
         )
     assert np.mean(np.array(shares)[:, 0] >= 0.95) > 0.95
+
+
+def test_a_drawn_field_is_planned_and_what_can_be_reached_is_worked() -> None:
+    """Three sides of four are closed: no single word leads on from where most swaths end."""
+    drawn = draw_field(1008)
+    assert bound_by_motion(drawn).share(drawn, check_drawn(drawn, 1008)) > 0.97

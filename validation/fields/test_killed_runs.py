@@ -11,3 +11,7 @@ def test_a_quarter_of_a_hectare_cut_off_ten_times(
 ) -> None:
     """A quarter of an hour of a core. ``test_resumed_sessions`` has the hectare, by the compiled loop."""
     record_property("worked", work_through(tmp_path, 50.0, 50.0, kills=10, seed=5))
+
+
+def test_a_small_field_cut_off_once(tmp_path: Path) -> None:
+    work_through(tmp_path, 12.0, 5.0, kills=1, seed=4)

@@ -90,3 +90,14 @@ def test_ground_claimed_was_passed(on_the_spot: bool, record_property: Callable[
     for level, (claimed, true, worked) in zip((0.95, 0.996), counts, strict=True):
         record_property(f"{level:g}_true", round(true / claimed, 5))
         record_property(f"{level:g}_claimed_to_worked", round(claimed / worked, 3))
+
+
+def test_live_a_few_seconds_late_it_is_an_inch_and_a_degree() -> None:
+    """And of turns on the spot nothing is told, though the newest heading is wrong until the stop is noticed."""
+    drives = draw_cart_drives(runs=12, seconds=250.0, seed=19, on_the_spot=True)
+    now, late, ticks = live(MODEL, drives)
+    line = judge(late_drives(drives, ticks), late)
+    assert line.known > 0.4
+    newest = told(drives.truth, now, np.ones_like(drives.on_line))
+    assert np.mean(newest.error[:, 2] ** 2 > 16.0 * newest.covariance[:, 2, 2]) > 5e-3
+    assert newest.heading_deg > 2.0 * line.all.heading_deg

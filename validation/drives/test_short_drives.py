@@ -1,20 +1,19 @@
-"""Days of fixed difficulty and the way back are located, ground that repeats itself is declined.
-
-``make validation NAME=drives`` takes more days, more roads and false ground in number.
-"""
+"""Drives of 25 m over the canonical site: rain, the way back off the map, repeating ground, altered drives."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from batch.other_days import drive_over, repeating_site, village
+from batch.test_drive_alignment import altered, register
 from canon.site import Site, register_site
 from lgprjax.batch import RegisteredDrive
+from lgprjax.batch.recording import AS_STATED
 from lgprjax.batch.register import true_errors
 from lgprjax.formats import MapFile
 from lgprjax.registration import Code
 from lgprjax.scene import WEATHER
+from validation.drives.other_days import drive_over, repeating_site, village
 
 WINDOW_M = 4.0
 """The first metres, after which a fix is asked for on every day."""
@@ -81,3 +80,21 @@ def test_slabs_that_repeat_themselves_are_declined_until_one_place_is_clearly_be
     assert np.mean(np.isin(code, (Code.LOW_CORRELATION, Code.AMBIGUOUS))) > 0.5
     assert np.mean(code == Code.AMBIGUOUS) > 0.1
     assert np.all(np.hypot(*true_errors(drive)[code == Code.OK].T) < 0.3)
+
+
+def test_a_drive_as_its_header_says_is_left_alone(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    same = register(site, altered(site, tmp_path / "a.drive.h5"))
+    assert same.alignment == AS_STATED
+    # What the radar itself recorded is never looked at.
+    monkeypatch.setattr("lgprjax.batch.register.find_alignment", None)
+    plain = register(site, altered(site, tmp_path / "b.drive.h5", imported=False))
+    assert plain.alignment == AS_STATED == (1, 0.0, False, False, 0.0, None)
+    np.testing.assert_array_equal(np.asarray(plain.fix.pose), np.asarray(same.fix.pose))
+    np.testing.assert_array_equal(plain.fix.p_false, same.fix.p_false)
+
+
+def test_other_ground_agrees_with_no_hypothesis(site: Site, tmp_path: Path) -> None:
+    drive = register(site, altered(site, tmp_path / "a.drive.h5", name="impostor"))
+    assert (drive.alignment.sign, drive.alignment.later_ns) == (1, 0.0)
+    assert drive.alignment.told is not None
+    assert not np.any(drive.table["code"] == "ok")
