@@ -47,7 +47,8 @@ import jax
 
 many = lx.register_many(site, drives.values(), "out/", workers=1)
 
-batch = site.batch(drives["live"], scans=slice(0, 512))           # arrays on the device: tile, scans, priors
+windows = {"scans": slice(200, 700, 100), "window_m": 1.0}
+batch = site.batch(drives["live"], **windows)                     # arrays on the device: tile, scans, priors
 poses = jax.jit(lx.match)(batch)                                  # the kernel, vmappable
 vehicle = lx.open_vehicle("made_up.vehicle.toml")
 course = lx.course("offset", metres=3.0)
@@ -99,8 +100,8 @@ def test_a_session_runs_as_it_stands(session: tuple[Path, dict[str, Any]]) -> No
     pd.testing.assert_series_equal(many["live"]["code"], fixes.table["code"], check_index=False, check_dtype=False)
     assert not (many["impostor"]["code"] == "ok").any()
     located = np.asarray(poses.code) == lx.Code.OK
-    assert located.mean() > 0.1
-    assert np.hypot(*(poses.pose - fixes.truth[:512])[located, :2].T).max() < 0.2
+    assert located.any()
+    assert np.hypot(*(poses.pose - fixes.truth[200:700:100])[located, :2].T).max() < 0.2
     assert np.isfinite(names["cost"])
     assert np.isfinite(names["slope"])
     assert names["tuned"].file.steering.rear_ratio == pytest.approx(0.63, abs=0.01)
