@@ -103,7 +103,8 @@ ELSEWHERE = {
     "recover": ("cli/test_recover.py::test_nothing_can_be_saved", "cli/test_recover.py::test_a_run_that_was_cut"),
     "cover plan": ("cli/test_cover.py::test_gaps_are_planned_again",),
     "cover record": ("cli/test_cover.py::test_the_record_tells_what_was_worked", _A_FIELD),
-    "tune": ("cli/test_tune.py::test_a_study_gives_a_new_vehicle_file",),
+    "tune study": ("cli/test_tune.py::test_a_study_gives_a_new_vehicle_file",),
+    "tune compare": ("studies/test_fleet.py::test_the_command_writes_a_table_and_two_pictures",),
 }
 
 

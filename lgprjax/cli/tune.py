@@ -1,4 +1,4 @@
-"""``lgprjax tune`` and ``lgprjax thresholds``: calibrations from drive logs."""
+"""``lgprjax tune`` and ``lgprjax thresholds``: calibrations from drive logs, and vehicle files compared."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -9,10 +9,11 @@ from rich.table import Table
 from tyro.conf import Positional, arg
 
 from lgprjax.cli.figures import check_outputs, write_figures
-from lgprjax.cli.terminal import console, counted, progress_bar, require_files, say, verdict, working
+from lgprjax.cli.terminal import UsageError, console, counted, progress_bar, require_files, say, verdict, working
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
+    from lgprjax.studies.fleet import Fleet
     from lgprjax.studies.steering import FinishedStudy
 
 
@@ -111,6 +112,99 @@ def _print(finished: "FinishedStudy") -> None:
         console.print(f"{figure.name}: {figure.value:.3g} {figure.unit}{interval}", highlight=False, markup=False)
     for note in finished.outcome.notes:
         console.print(note, highlight=False, markup=False)
+
+
+# ``lgprjax tune compare``: several vehicle files side by side.
+
+
+@dataclass(frozen=True)
+class TuneCompare:
+    """Compare vehicle files: numbers with their intervals, steering curves, drift.
+
+    The command tests which numbers differ by more than chance among the vehicles; only numbers with a 95 % interval
+    are tested. Files with the same serial number are one vehicle at different times, the oldest first: its drift from
+    the first file to the last is tested. The command writes a table of all numbers and two pictures.
+    """
+
+    vehicles: Annotated[Positional[tuple[Path, ...]], arg(metavar="VEHICLE.toml...", help="vehicle files")]
+    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the table and the pictures")]
+    json: Path | None = None
+    """JSON file for the differences and drifts; - for standard output"""
+    force: bool = False
+    """replace existing outputs"""
+
+    def run(self) -> None:
+        """Compare."""
+        from lgprjax.formats import atomic_output, read_vehicle
+        from lgprjax.report.fleet import draw_fleet_curves, draw_fleet_numbers
+        from lgprjax.studies.fleet import compare_fleet, table_of_fleet
+
+        require_files(self.vehicles, "vehicles")
+        if len(self.vehicles) < 2:
+            raise UsageError("VEHICLE.toml: expected at least two vehicle files, found 1")
+        fleet = compare_fleet({path: read_vehicle(path) for path in self.vehicles})
+        if self.output.exists() and not self.output.is_dir():
+            raise InputError(self.output, "output", "a folder", "a file")
+        table, curves, numbers = (self.output / f"fleet.{end}" for end in ("csv", "curves.png", "numbers.png"))
+        for path in (table, curves, numbers):
+            if path.exists() and not self.force:
+                raise InputError(path, "output", "a new file, or --force", "an existing file")
+        check_outputs(self.json, force=self.force)
+        self.output.mkdir(parents=True, exist_ok=True)
+        with atomic_output(table, self.force) as temporary:
+            table_of_fleet(fleet).to_csv(temporary, index=False, lineterminator="\n")
+        draw_fleet_curves(fleet, curves, force=self.force)
+        draw_fleet_numbers(fleet, numbers, force=self.force)
+        if self.json is not None:
+            write_figures(self.json, fleet_figures(fleet), force=self.force)
+        _print_fleet(fleet)
+        for path in (table, curves, numbers):
+            say(f"wrote {path}")
+        tested = [each for each in fleet.numbers if each.p == each.p]
+        apart = [each.path for each in tested if each.differs]
+        drifted = [f"{each.serial_number} {each.path}" for each in fleet.drifts if each.differs]
+        told = f"{len(apart)} of {counted(len(tested), 'number')} differ by more than chance"
+        verdict(told + (f"; drift: {', '.join(drifted)}" if drifted else ""))
+
+
+def fleet_figures(fleet: "Fleet") -> dict[str, object]:
+    """Tested numbers and drifts as JSON."""
+    return {
+        "vehicles": list(fleet.names),
+        "numbers": [
+            {
+                "path": each.path,
+                "values": [None if value != value else value for value in each.value.tolist()],
+                "spread": each.spread,
+                "p": each.p,
+                "differs": each.differs,
+            }
+            for each in fleet.numbers
+            if each.p == each.p
+        ],
+        "drifts": [each._asdict() for each in fleet.drifts],
+    }
+
+
+def _print_fleet(fleet: "Fleet") -> None:
+    from lgprjax.formats import load_schema
+
+    units = {entry.path: entry.unit for entry in load_schema("vehicle").keys}
+    table = Table("number", *fleet.names, "p", title="numbers with intervals")
+    for each in fleet.estimated:
+        values = ("–" if value != value else f"{value:.4g}" for value in each.value)
+        p = "–" if each.p != each.p else f"{each.p:.2g}{' *' * each.differs}"
+        table.add_row(f"{each.path} {units[each.path]}".strip(), *values, p)
+    if table.rows:
+        console.print(table)
+    else:
+        say("no number has an interval: calibrate first (lgprjax tune STUDY.toml)")
+    for drift in fleet.drifts:
+        if drift.differs:
+            say(
+                f"{drift.serial_number}: {drift.path} changed by {drift.change:.3g} (sigma {drift.sigma:.2g}) "
+                f"from {drift.first} to {drift.last}"
+            )
 
 
 # ``lgprjax thresholds``: acceptance thresholds of a fix, calibrated on drives.

@@ -43,7 +43,7 @@ from lgprjax.cli.route import RouteExport, RouteList, RouteSelect
 from lgprjax.cli.run import Run
 from lgprjax.cli.simulate import Demo, Simulate
 from lgprjax.cli.terminal import USAGE, Level, UsageError, detail, output_level, run_verb, show_every_character
-from lgprjax.cli.tune import ThresholdsVerb, Tune
+from lgprjax.cli.tune import ThresholdsVerb, Tune, TuneCompare
 from lgprjax.cli.view import View
 from lgprjax.errors import refuse_own_input
 from lgprjax.machine import keep_programs
@@ -58,12 +58,13 @@ class Verb(NamedTuple):
 
 
 class VerbGroup(NamedTuple):
-    """Commands under one name."""
+    """Commands under one name; ``default`` is the one that is meant without a name of its own."""
 
     what: str
     text: str
     verbs: Mapping[str, Verb]
     examples: tuple[str, ...]
+    default: str = ""
 
 
 _IMPORT = VerbGroup(
@@ -153,6 +154,27 @@ _IMPORT = VerbGroup(
         ),
     },
     ("import XLINE*.DT1 -o survey.drive.h5", "import RECORDING.mcap -o X.drive.h5"),
+)
+_TUNE = VerbGroup(
+    "fit a vehicle file to drive logs, compare vehicle files",
+    "Fit vehicle files to drive logs, and compare them. lgprjax tune STUDY.toml is lgprjax tune study STUDY.toml.",
+    {
+        "study": Verb(
+            Tune,
+            "fit a vehicle file to drive logs",
+            ("tune study tuning/k_ratio.toml -o out", "tune study STUDY.toml -o out --json -"),
+        ),
+        "compare": Verb(
+            TuneCompare,
+            "numbers, steering curves and drift of several vehicle files",
+            (
+                "tune compare onboard/made_up.vehicle.toml tuning/tuned.vehicle.toml -o fleet",
+                "tune compare MARCH.vehicle.toml MAY.vehicle.toml -o drift --json -",
+            ),
+        ),
+    },
+    ("tune tuning/k_ratio.toml -o out", "tune compare A.vehicle.toml B.vehicle.toml -o fleet"),
+    default="study",
 )
 _MAP = VerbGroup(
     "build, verify, refine and update maps of the ground",
@@ -369,11 +391,7 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
                 "calibrate onboard/record.vehicle.toml --simulate",
             ),
         ),
-        "tune": Verb(
-            Tune,
-            "fit a vehicle file to drive logs",
-            ("tune tuning/k_ratio.toml -o out", "tune STUDY.toml -o out --json -"),
-        ),
+        "tune": _TUNE,
     },
 }
 """Commands grouped by task, in the order of the help."""
@@ -440,12 +458,26 @@ def _run_words(words: list[str]) -> int:
         keep_compiled()
     if words[:1] == ["import"]:
         words[1:] = recognised(words[1:])
+    words = _with_default(words)
     if words[:1] == ["--version"]:
         print(f"lgprjax {lgprjax.__version__}")
         return 0
     if words[:1] == ["--completion"]:
         return run_verb(lambda: _print_completion(words[1:]), command="lgprjax")
     return run_verb(lambda: _run(words), command=" ".join(["lgprjax", *_named(words)]))
+
+
+def _with_default(words: list[str]) -> list[str]:
+    """The words with the command that a group's name alone stands for."""
+    verb = all_verbs().get(words[0]) if words else None
+    if (
+        not isinstance(verb, VerbGroup)
+        or not verb.default
+        or len(words) == 1
+        or words[1] in {*verb.verbs, "-h", "--help"}
+    ):
+        return words
+    return [words[0], verb.default, *words[1:]]
 
 
 def _named(words: Sequence[str]) -> list[str]:

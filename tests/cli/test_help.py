@@ -69,7 +69,7 @@ def test_a_verbs_help_fits_a_screen_and_shows_two_examples(name: str, monkeypatc
 
 def test_groups_list_their_verbs() -> None:
     groups = {name: verb for name, verb in all_verbs().items() if isinstance(verb, VerbGroup)}
-    assert len(groups) == 5
+    assert len(groups) == 6
     for name, group in groups.items():
         status, out, _ = run(name, "--help")
         assert status == 0
