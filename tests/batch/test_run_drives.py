@@ -12,7 +12,7 @@ from canon.map import of_many_grounds
 from canon.site import Site
 from formats.run_log_sample import head_bytes, record_bytes
 from lgprjax.batch import register_log, write_run_drive
-from lgprjax.batch.recover import device_times, rising
+from lgprjax.batch.run_signals import device_times, rising
 from lgprjax.formats import (
     DriveLog,
     MapFile,
