@@ -155,7 +155,9 @@ class RunTracks:
         }
 
     def _vehicle(self) -> dict[str, np.ndarray] | None:
-        """Measurements of the box, and the commands at that time from the first control tick on."""
+        """Measurements of the box, and the commands at that time from the first control tick on: that of the steering
+        as it was decided, those of the pedals as the box had taken them.
+        """
         known, plan = self._signals, self._signals.plan
         told = known.box_ns >= known.plan_ns[0] if len(plan) else np.ones(len(known.box_ns), bool)
         at, box = known.box_ns[told], known.box[told]
@@ -170,14 +172,17 @@ class RunTracks:
         if not len(plan):
             return measured
         held = plan[np.searchsorted(known.plan_ns, at, side="right") - 1]
+        taken = known.pedals[told]
+        # A box may take its first command after the recording begins.
+        pedals = np.where(np.isfinite(taken), taken, held["command"][:, 1:].astype(np.float64))
         if len(known.prior_ns):
             measured["yaw_rate_radps"] = np.interp(at, known.prior_ns, known.prior["yaw_rate_radps"])
         return {
             **measured,
             "wheel_angle_rad": held["front_rad"].astype(np.float64),
             "steering_command_rad": held["command"][:, 0].astype(np.float64),
-            "throttle": held["command"][:, 1].astype(np.float64),
-            "brake": held["command"][:, 2].astype(np.float64),
+            "throttle": pedals[:, 0],
+            "brake": pedals[:, 1],
             "mode": held["mode"].astype(np.int8),
         }
 

@@ -25,6 +25,8 @@ class RunSignals(NamedTuple):
             one.
         lookup: ``radar_lookup`` of a stepped-frequency radar at the first scan, ``None`` if it never sent one.
         box_ns, box: ``drive_status`` frames.
+        pedals: throttle and brake of the command that the box had taken at each of them, by its number; NaN if that is
+            not in the recording.
         travel_m: from the box, one distance over all its starts.
         prior_ns, prior: valid ``prior`` payloads.
         plan_ns, plan: ``plan`` payloads.
@@ -38,6 +40,7 @@ class RunSignals(NamedTuple):
     lookup: Frame | None
     box_ns: Int[np.ndarray, " box"]
     box: np.ndarray
+    pedals: Float[np.ndarray, "box 2"]
     travel_m: Float[np.ndarray, " box"]
     prior_ns: Int[np.ndarray, " prior"]
     prior: np.ndarray
@@ -79,7 +82,7 @@ def signals_of_run(run: RunReading, *, own_lookup: bool = True) -> RunSignals:
     described = _SCANS if own_lookup else {name: told[:1] for name, told in _SCANS.items()}
     by_message = {name: RowGatherer(frame_type(name)) for name in ("radar_scan", "radar_sweep", "drive_status")}
     box, prior, plan = by_message["drive_status"], RowGatherer(payload_type("prior")), RowGatherer(payload_type("plan"))
-    searches, said = _Searches(), _Said(described)
+    searches, said, taken = _Searches(), _Said(described), _TakenCommands()
     for _, data in run:
         record = read_run_record(data)
         if record is None:
@@ -90,8 +93,14 @@ def signals_of_run(run: RunReading, *, own_lookup: bool = True) -> RunSignals:
             if name in ("radar_scan", "radar_sweep"):
                 searches.scan(record.payload, name)
                 said.scan(name)
+            elif name == "drive_status":
+                taken.status(record.payload)
             elif name in _TOLD:
                 said.tell(name, decode(record.payload))
+        elif record.kind is RecordKind.PORT_OUT and record.source is Source.DRIVE_BY_WIRE:
+            rows = None
+            if frame_name(record.payload) == "drive_command":
+                taken.command(record.payload)
         elif record.source is Source.REGISTRATION and record.tick == 0:
             rows = None
             searches.take(record.kind, record.payload)
@@ -119,6 +128,7 @@ def signals_of_run(run: RunReading, *, own_lookup: bool = True) -> RunSignals:
         lookup=said.first("radar_lookup"),
         box_ns=box_ns[box_good],
         box=box.rows[box_good],
+        pedals=np.array(taken.pedals, np.float64).reshape(-1, 2)[box_good],
         travel_m=travel_m[box_good],
         prior_ns=prior.rows["time_ns"][prior_good].astype(np.int64),
         prior=prior.rows[prior_good],
@@ -158,6 +168,35 @@ class _Searches:
             self._held = None
 
     _held: np.void | None = None
+
+
+class _TakenCommands:
+    """Pedals of the command that the box had taken when it sent a status: what the box says of itself, so that the
+    delay of the line is not in the time at which a command acts.
+    """
+
+    def __init__(self) -> None:
+        self._sent: dict[int, tuple[float, float]] = {}
+        self.pedals: list[tuple[float, float]] = []
+
+    def command(self, frame: bytes) -> None:
+        """A command to the box; a number that comes again is that of a control process which was started anew."""
+        sent = np.frombuffer(frame, _COMMAND, 1)[0]
+        number = int(sent["sequence"])
+        self._sent.pop(number, None)
+        self._sent[number] = (float(sent["throttle"]), float(sent["brake"]))
+        if len(self._sent) > _MOST_SENT:
+            del self._sent[next(iter(self._sent))]
+
+    def status(self, frame: bytes) -> None:
+        """A status of the box."""
+        taken = int(np.frombuffer(frame, _STATUS, 1)[0]["command_sequence"])
+        self.pedals.append(self._sent.get(taken, (np.nan, np.nan)))
+
+
+_COMMAND, _STATUS = frame_type("drive_command"), frame_type("drive_status")
+_MOST_SENT = 64
+"""Commands of about a second: the box takes none that is older."""
 
 
 def scan_frames(run: RunReading, name: str = "radar_scan") -> Iterator[bytes]:
