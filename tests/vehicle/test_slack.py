@@ -68,5 +68,5 @@ def test_noise_does_not_throw_it_from_side_to_side() -> None:
 
 
 def test_without_slack_nothing_is_changed() -> None:
-    wanted = np.float32(np.random.default_rng(3).normal(0.0, 0.1, 500))
+    wanted = np.random.default_rng(3).normal(0.0, 0.1, 500).astype(np.float32)
     np.testing.assert_array_equal(_followed(wanted, 0.0)[0], wanted)
