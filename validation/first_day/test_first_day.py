@@ -95,6 +95,7 @@ def test_a_first_day(name: str, tmp_path: Path, record_property: RecordProperty)
     ):
         record_property(what, figure)
         print(name, what, figure)
+    assert min(day.rtk.metres, day.lgpr.metres) > 0.95 * _MILE_M
     assert day.rtk.rms_m <= 0.10
     assert day.lgpr.rms_m <= 0.14
     assert wrong == 0

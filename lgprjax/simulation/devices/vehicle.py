@@ -237,6 +237,7 @@ _CROSS_PER_M = 0.4
 _PREVIEW_S = 0.25
 _STANDS_MPS = 0.05
 _TAP_BRAKE, _HALT_BRAKE, _PARKED_BRAKE = 0.22, 0.45, 0.5
+_USUAL_THROTTLE, _HILL_MPS2 = 0.7, 1.2
 _END_M = 2.0
 _BACK, _ON = 10, 200
 _DOWN, _UP = 12, 6
@@ -289,8 +290,10 @@ def pedals_for_speed(vehicle: TrueVehicle, wanted_mps: float | None, speed_mps: 
         pre_tension, _, gain, _ = vehicle.brake
         return 0.0, float(np.clip(pre_tension - (slow_mps + 0.3) / gain, 0.0, 0.6)), True
     pre_tension, _, gain, _ = vehicle.throttle
-    asked = 1.5 * slow_mps + vehicle.rolling_mps2 + vehicle.drag_per_s * speed_mps
-    return float(np.clip(pre_tension + asked / gain, 0.0, 0.7)), 0.0, False
+    resistance = vehicle.rolling_mps2 + vehicle.drag_per_s * speed_mps
+    # As far as a weak engine needs up a hill.
+    most = min(max(_USUAL_THROTTLE, pre_tension + (_HILL_MPS2 + resistance) / gain), 1.0)
+    return float(np.clip(pre_tension + (1.5 * slow_mps + resistance) / gain, 0.0, most)), 0.0, False
 
 
 def scripted_input(
