@@ -32,8 +32,7 @@ from lgprjax.vehicle.sensors import DriveSignals
 # are fitted beside the slope, 1/V².
 
 _LEAST_TURN, _LEAST_TESTED_TURN = 0.1, 0.06
-"""κL of a turn that is used; in turning tests, where front wheels alone make 0.1 of the 6 degrees that a crew is asked for.
-"""
+"""κL of a turn that is used. In turning tests front wheels alone make 0.1 of the 6 degrees that a crew is asked for."""
 LEAST_SPEEDS = 2.0
 """Fastest over slowest speed."""
 _LEAST_TURNS = 6
