@@ -50,6 +50,7 @@ from lgprjax.vehicle import (
     VehiclePose,
     look_ahead_m,
     steer_exact,
+    step_slack,
     stretched_look_ahead,
     yaw_gain,
 )
@@ -64,6 +65,7 @@ class AutopilotConfig(NamedTuple):
         planner, velocity, limiter: settings of the parts.
         weak_exponent, least_share: how the look-ahead grows as the servo's torque falls, and down to which share of it;
             0 and 1 leave it.
+        slack_rad: dead band and half of the play of the steering, which the command makes up for.
     """
 
     chassis: Chassis
@@ -74,14 +76,16 @@ class AutopilotConfig(NamedTuple):
     limiter: LimiterRules
     weak_exponent: float | Float[Array, ""] = 0.0
     least_share: float | Float[Array, ""] = 1.0
+    slack_rad: float | Float[Array, ""] = 0.0
 
 
 class AutopilotState(NamedTuple):
-    """State of the autopilot from step to step: the parts' states."""
+    """State of the autopilot from step to step: the parts' states, and the middle of the last turn of the wheels."""
 
     planner: PlannerState
     velocity: VelocityState
     limiter: LimiterState
+    middle_rad: Float[Array, ""]
 
 
 class AutopilotInputs(NamedTuple):
@@ -132,7 +136,7 @@ class AutopilotInfo(NamedTuple):
 
 def init_autopilot(planner: PlannerState, speed_mps: Float[Array, ""], front_rad: Float[Array, ""]) -> AutopilotState:
     """State with a start found by the planner, at a speed (its magnitude), with the present front angle."""
-    return AutopilotState(planner, init_velocity(speed_mps), init_limiter(front_rad))
+    return AutopilotState(planner, init_velocity(speed_mps), init_limiter(front_rad), front_rad)
 
 
 def step_autopilot(
@@ -172,7 +176,8 @@ def step_autopilot(
     if config.pedals is not None:
         wanted = jnp.minimum(inputs.set_speed_mps, wanted)
 
-    front, reachable = _steer(config, plan, inputs.speed_mps, stops, state.limiter.last.front_rad)
+    middle = jnp.where(engaged, state.middle_rad, state.limiter.last.front_rad)
+    front, middle, reachable = _steer(config, plan, inputs.speed_mps, stops, state.limiter.last.front_rad, middle)
     pose_is_one = jnp.isfinite(pose.x_m) & jnp.isfinite(pose.y_m) & jnp.isfinite(pose.yaw_rad)
     front = jnp.where(pose_is_one, front, jnp.nan)
 
@@ -183,7 +188,7 @@ def step_autopilot(
         config.limiter, state.limiter, command, inputs.age_s, step_s, engaged=engaged, front_rad=inputs.front_rad
     )
     info = AutopilotInfo(plan, limited, jnp.where(stops, 0.0, wanted), reachable, ahead_m)
-    return AutopilotState(planner, velocity, limiter), limiter.last, info
+    return AutopilotState(planner, velocity, limiter, middle), limiter.last, info
 
 
 def limit_while_engaged(
@@ -217,16 +222,19 @@ def _steer(
     speed_mps: Float[Array, ""],
     stops: Bool[Array, ""],
     last_rad: Float[Array, ""],
-) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-    """Front angle and whether it reaches the goal."""
+    middle_rad: Float[Array, ""],
+) -> tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
+    """Front angle, the middle of its last turn, and whether it reaches the goal."""
     # In a stop without a speed use the geometry alone: a gain of 1.
     speed = jnp.where(stops & ~jnp.isfinite(speed_mps), 0.0, speed_mps)
     gain = yaw_gain(config.chassis.characteristic_speed_mps, speed)
     steering = steer_exact(config.chassis, plan.ahead_m, plan.left_m, gain)
     blind = (plan.code == PlanCode.AMBIGUOUS) | (plan.code == PlanCode.LOST)
     # ``steer_exact`` returns a number for NaN; here NaN must remain visible.
-    front = jnp.where(jnp.isfinite(gain), steering.front_rad, jnp.nan)
-    return jnp.where(blind, last_rad, front), steering.reachable & ~blind
+    middle, front = step_slack(config.slack_rad, middle_rad, steering.front_rad)
+    front = jnp.where(jnp.isfinite(gain), front, jnp.nan)
+    middle = jnp.where(blind | ~jnp.isfinite(middle), middle_rad, middle)
+    return jnp.where(blind, last_rad, front), middle, steering.reachable & ~blind
 
 
 _Driven = tuple[VelocityState, Float[Array, "..."], Float[Array, "..."]]
@@ -281,6 +289,7 @@ def onboard_setup(
     has_lgpr: bool = True,
     weak_exponent: float = 0.0,
     least_share: float = 1.0,
+    slack_rad: float | Float[Array, ""] = 0.0,
 ) -> OnboardSetup:
     """Settings of a vehicle whose heading and odometer speak every tick; what is not asked for is the same for all.
 
@@ -293,7 +302,7 @@ def onboard_setup(
         gnss_period_s: from one position to the next.
         risk: largest accepted probability of a false match.
         has_lgpr: there are fixes of LGPR.
-        weak_exponent, least_share: as in ``AutopilotConfig``.
+        weak_exponent, least_share, slack_rad: as in ``AutopilotConfig``.
     """
     one = jnp.float32
     navigator = NavigatorSetup(
@@ -323,9 +332,9 @@ def onboard_setup(
     )
     # Slopes of some per cent ask for a firmer hand than a road.
     velocity = default_velocity()._replace(proportional_per_s=one(1.5), integral_per_s2=one(0.4))
-    weak = (one(weak_exponent), one(least_share))
+    steered = (one(weak_exponent), one(least_share), jnp.asarray(slack_rad, jnp.float32))
     return OnboardSetup(
-        navigator, AutopilotConfig(chassis, pedals, look_ahead, planner_settings(2.0), velocity, limits, *weak)
+        navigator, AutopilotConfig(chassis, pedals, look_ahead, planner_settings(2.0), velocity, limits, *steered)
     )
 
 

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from lgprjax.batch.recover import layout_of, scan_frames, signals_of_run
+from lgprjax.batch.recover import layout_of
+from lgprjax.batch.run_signals import scan_frames, signals_of_run
 from lgprjax.batch.verdicts import HealthFigure, figure
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, SweepLayout, SweepRecording, complex_rows, read_run

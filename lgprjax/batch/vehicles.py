@@ -10,7 +10,7 @@ from jaxtyping import Float
 from lgprjax.coverage import CarrotSettings, Outline, PatternSettings, Tool, default_carrot, outline_of
 from lgprjax.coverage.swaths import Order
 from lgprjax.errors import InputError
-from lgprjax.formats import VehicleFile, flat_keys, with_values
+from lgprjax.formats import VehicleFile, flat_keys
 from lgprjax.navigation import FilterModel, SkidModel, cautious_skid_model, default_model
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.vehicle import (
@@ -133,11 +133,14 @@ def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> 
     Raises:
         InputError: a skid-steered vehicle, or a required number is not in the file.
     """
-    anchor_m = 0.0 if vehicle.pursuit.anchor_m is None else vehicle.pursuit.anchor_m
-    chassis = chassis_of(with_values(vehicle, {"pursuit.anchor_m": anchor_m}, {}), path)
+    # All that it needs of the chassis: what else there is may be open when a first drive is recorded.
+    if vehicle.steering_kind != "counter_steer":
+        raise InputError(path, "steering_kind", "counter_steer", repr(vehicle.steering_kind))
+    _needed(path, "chassis.wheelbase_m", vehicle.chassis.wheelbase_m)
+    _rear_of(vehicle, path)
     stated = vehicle.navigation.model_dump(exclude_none=True)
     model = default_model(
-        zero_slip_m=float(zero_slip_point(chassis, jnp.float32(0.0))),
+        zero_slip_m=_zero_slip_of(vehicle),
         gnss_x_m=stated.pop("gnss_x_m", 0.0),
         gnss_y_m=stated.pop("gnss_y_m", 0.0),
         array_x_m=_needed(path, "array.x_m", vehicle.array.x_m),

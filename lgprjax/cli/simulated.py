@@ -42,7 +42,7 @@ def check_before(config: "RuntimeConfig", table: "SimulationTable") -> None:
     from lgprjax.simulation.devices.field_stage import FIELD_BUTTONS, FIELD_FAULTS, FIELD_LINES, FIELD_SCRIPT
     from lgprjax.simulation.devices.sensors import LINES
     from lgprjax.simulation.devices.vehicle import BUTTONS, SCRIPT
-    from lgprjax.simulation.vehicle_logs import true_vehicle
+    from lgprjax.simulation.vehicle_plans import true_vehicle
 
     field = config.coverage is not None
     if config.vehicle:

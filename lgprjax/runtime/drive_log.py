@@ -400,9 +400,10 @@ def _filtered(
 
 def _model_of(vehicle: VehicleFile | None, lever: tuple[float, float]) -> FilterModel:
     """The vehicle's filter, as far as the file describes it."""
-    known = vehicle is not None and vehicle.chassis.wheelbase_m is not None and vehicle.steering_kind == "counter_steer"
-    if vehicle is not None and known and (vehicle.rear_map or vehicle.steering.rear_ratio is not None):
-        return filter_model_of(vehicle)
+    if vehicle is not None and vehicle.steering_kind == "counter_steer":
+        lengths = (vehicle.chassis.wheelbase_m, vehicle.array.x_m)
+        if None not in lengths and (vehicle.rear_map or vehicle.steering.rear_ratio is not None):
+            return filter_model_of(vehicle)
     model = default_model(zero_slip_m=0.0, gnss_x_m=lever[0], gnss_y_m=lever[1], array_x_m=0.0, array_y_m=0.0)
     return model._replace(side_noise=jnp.float32(_SIDE_NOISE))
 

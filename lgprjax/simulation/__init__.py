@@ -11,13 +11,12 @@ from lgprjax.simulation.sites import (
     site_file,
     write_site,
 )
-from lgprjax.simulation.vehicle_logs import (
+from lgprjax.simulation.vehicle_logs import vehicle_log_of, write_vehicle_logs
+from lgprjax.simulation.vehicle_plans import (
     PlannedVehicleDrive,
     VehiclePlan,
     is_vehicle_plan,
     read_vehicle_plan,
-    vehicle_log_of,
-    write_vehicle_logs,
 )
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lgprjax.autopilot.modes import ENGAGED
-from lgprjax.batch.recover import RowGatherer, signals_of_run
+from lgprjax.batch.run_signals import RowGatherer, signals_of_run
 from lgprjax.batch.vehicles import filter_model_of
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, VehicleLog, require_serial_number

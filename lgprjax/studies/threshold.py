@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lgprjax.autopilot.modes import Mode
-from lgprjax.batch.recover import RowGatherer, rising
+from lgprjax.batch.run_signals import RowGatherer, rising
 from lgprjax.errors import InputError
 from lgprjax.formats.run_log import read_run, read_run_record
 from lgprjax.run_records import SKID_PLAN, RecordKind

@@ -33,8 +33,8 @@ LARGEST_GAP_S = 0.5
 LEAST_WAY_M = 0.5
 LEAST_FIXES = 30
 LAGS = np.array([name.endswith("lag_s") for name in PEDAL_NAMES])
-COMMAND_SIGMA_S = 0.01
-"""When within a period of the loop a command begins to act is not known."""
+COMMAND_SIGMA_S = 0.005
+"""Half the period of the box's status: when within it a command began to act is not known."""
 
 
 class PedalRuns(NamedTuple):
@@ -96,12 +96,18 @@ def cut_runs(signals: DriveSignals, what: str) -> PedalRuns:
 def predict_way(
     runs: PedalRuns, value: Float[np.ndarray, "lane parameter"]
 ) -> tuple[Float[np.ndarray, "lane record"], Float[np.ndarray, "lane parameter record"]]:
-    """Way since the start of the run at every record, and its derivative by every parameter of ``PEDAL_NAMES``."""
-    commanded = (runs.step_s, runs.throttle, runs.brake, np.diff(runs.run, prepend=-1) != 0)
+    """Way since the start of the run at every record, and its derivative by every parameter of ``PEDAL_NAMES``.
+
+    How far friction holds a pedal at a standstill depends on the run before; after a part of the log that belongs to no
+    run it is not known, and the pedals are taken as released.
+    """
+    fresh = np.diff(runs.run, prepend=-1) != 0
+    commanded = (runs.step_s, runs.throttle, runs.brake)
     way, slope = _way_and_slope(
         jnp.asarray(value.T, jnp.float32),
-        *(jnp.asarray(part, jnp.float32) for part in commanded[:3]),
-        jnp.asarray(commanded[3]),
+        *(jnp.asarray(part, jnp.float32) for part in commanded),
+        jnp.asarray(fresh),
+        jnp.asarray(fresh & (np.diff(runs.record, prepend=-2) != 1)),
     )
     return np.asarray(way, np.float64).T, np.asarray(slope, np.float64).transpose(2, 0, 1)
 
@@ -113,9 +119,10 @@ def _way_and_slope(
     throttle: Float[Array, " record"],
     brake: Float[Array, " record"],
     fresh: Bool[Array, " record"],
+    unknown: Bool[Array, " record"],
 ) -> tuple[Float[Array, "record lane"], Float[Array, "parameter record lane"]]:
     def way(value: Float[Array, "parameter lane"]) -> Float[Array, "record lane"]:
-        return _way(value, step_s, throttle, brake, fresh)
+        return _way(value, step_s, throttle, brake, fresh, unknown)
 
     directions = jnp.eye(value.shape[0], dtype=value.dtype)[:, :, None] * jnp.ones((1, 1, value.shape[1]), value.dtype)
     moved, back = jax.vmap(lambda direction: jax.jvp(way, (value,), (direction,)), out_axes=(None, 0))(directions)
@@ -128,22 +135,23 @@ def _way(
     throttle: Float[Array, " record"],
     brake: Float[Array, " record"],
     fresh: Bool[Array, " record"],
+    unknown: Bool[Array, " record"],
 ) -> Float[Array, "record lane"]:
     pedals = Pedals(Pedal(*value[:4]), Pedal(*value[4:8]), value[8], value[9])
     still = init_drive(jnp.zeros_like(value[0]))
 
     def step(
-        carry: tuple[DriveState, Float[Array, " lane"]], commanded: tuple[Array, Array, Array, Array]
+        carry: tuple[DriveState, Float[Array, " lane"]], commanded: tuple[Array, Array, Array, Array, Array]
     ) -> tuple[tuple[DriveState, Float[Array, " lane"]], Float[Array, " lane"]]:
-        state, way_m = jax.tree.map(
-            lambda rest, on: jnp.where(commanded[3], rest, on), (still, jnp.zeros_like(value[0])), carry
-        )
+        state, way_m = carry
+        speed, way_m = (jnp.where(commanded[3], 0.0, on) for on in (state.speed_mps, way_m))
+        state = jax.tree.map(lambda rest, on: jnp.where(commanded[4], rest, on), still, state._replace(speed_mps=speed))
         # A step of no length, at a run's end, would divide by it.
         state, gone_m = step_drive(state, pedals, commanded[1], commanded[2], jnp.maximum(commanded[0], 1e-6))
         return (state, way_m + gone_m), way_m
 
     ways: Float[Array, "record lane"] = jax.lax.scan(
-        step, (still, jnp.zeros_like(value[0])), (step_s, throttle, brake, fresh)
+        step, (still, jnp.zeros_like(value[0])), (step_s, throttle, brake, fresh, unknown)
     )[1]
     return ways
 

@@ -212,6 +212,7 @@ ENCODER_STUDY = "encoder against potentiometer"
 LEAST_PAUSES = 8
 LARGEST_DEGREE = 3
 LARGEST_SCATTER = 0.05
+_STEEPER_ROUNDS = 4
 
 
 class EncoderFit(NamedTuple):
@@ -268,14 +269,14 @@ def fit_encoder(signals: DriveSignals, reference_v: float | None = None) -> Enco
         )
     centre, half = float(np.mean(pauses.counts)), 0.5 * float(np.ptp(pauses.counts))
     place = (pauses.counts - centre) / half
-    fit, why = _choose_degree(place, pauses)
-    if fit.scale > LARGEST_SCATTER * abs(float(fit.coefficients[1])):
+    curve, why = _choose_degree(place, pauses)
+    if curve.fit.scale > LARGEST_SCATTER * abs(float(curve.fit.coefficients[1])):
         raise NotExcitedError(
             ENCODER_STUDY,
             "voltages proportional to the counts",
-            f"a scatter of {fit.scale:.3f} V over {np.ptp(pauses.potentiometer_v):.3f} V",
+            f"a scatter of {curve.fit.scale:.3f} V over {np.ptp(pauses.potentiometer_v):.3f} V",
         )
-    return _result(fit, why, centre, half, pauses, reference_v)
+    return _result(curve, why, centre, half, pauses, reference_v)
 
 
 def potentiometer_of_counts(fit: EncoderFit, counts: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -283,30 +284,47 @@ def potentiometer_of_counts(fit: EncoderFit, counts: Float[np.ndarray, " n"]) ->
     return np.asarray(np.polynomial.polynomial.polyval(counts - fit.reference_counts.value, fit.volts))
 
 
-def _design(
-    place: Float[np.ndarray, " pause"], direction: Float[np.ndarray, " pause"], degree: int
-) -> Float[np.ndarray, "pause coefficient"]:
-    """Powers of the place, then the side that the wheel came from."""
-    return np.column_stack([np.vander(place, degree + 1, increasing=True), 0.5 * direction])
+class _Curve(NamedTuple):
+    """Voltage over the place, and the play.
+
+    Attributes:
+        fit: coefficients of the powers of the place, then the play as a voltage where the place is 0.
+        design: rows of the pauses.
+    """
+
+    fit: RobustFit
+    design: Float[np.ndarray, "pause coefficient"]
 
 
-def _choose_degree(place: Float[np.ndarray, " pause"], pauses: Pauses) -> tuple[RobustFit, str]:
+def _fit_curve(place: Float[np.ndarray, " pause"], pauses: Pauses, degree: int) -> _Curve:
+    """Fit of a degree. The play is one number of counts: as a voltage it is larger where the curve is steeper."""
+    steepness = np.ones(place.size)
+    for _ in range(1 if degree == 1 else _STEEPER_ROUNDS):
+        side = 0.5 * steepness * pauses.direction
+        design = np.column_stack([np.vander(place, degree + 1, increasing=True), side])
+        fit = robust_fit(design, pauses.potentiometer_v)
+        slope = np.polynomial.Polynomial(fit.coefficients[:-1]).deriv()
+        steepness = slope(place) / slope(0.0)
+    return _Curve(fit, design)
+
+
+def _choose_degree(place: Float[np.ndarray, " pause"], pauses: Pauses) -> tuple[_Curve, str]:
     """The highest degree whose last coefficient is beyond doubt (twice its 95 % interval), else the straight line."""
     for degree in range(LARGEST_DEGREE, 1, -1):
         if place.size < degree + 5:
             continue
-        fit = robust_fit(_design(place, pauses.direction, degree), pauses.potentiometer_v)
+        curve = _fit_curve(place, pauses, degree)
+        fit = curve.fit
         last, sigma = float(fit.coefficients[degree]), float(np.sqrt(fit.covariance[degree, degree]))
         if abs(last) > 2.0 * student_95(fit.degrees) * sigma:
-            return fit, f"polynomial of degree {degree}: a straight line is off by {abs(last):.4f} V at the ends"
-    return robust_fit(
-        _design(place, pauses.direction, 1), pauses.potentiometer_v
-    ), "straight line: no evidence for a higher degree"
+            return curve, f"polynomial of degree {degree}: a straight line is off by {abs(last):.4f} V at the ends"
+    return _fit_curve(place, pauses, 1), "straight line: no evidence for a higher degree"
 
 
 def _result(
-    fit: RobustFit, why: str, centre: float, half: float, pauses: Pauses, reference_v: float | None
+    fitted: _Curve, why: str, centre: float, half: float, pauses: Pauses, reference_v: float | None
 ) -> EncoderFit:
+    fit = fitted.fit
     degree = fit.coefficients.size - 2
     curve = np.polynomial.Polynomial(fit.coefficients[:-1])
     if reference_v is None:
@@ -318,11 +336,11 @@ def _result(
     counts_per_v = Estimate(1.0 / slope.value, slope.sigma / slope.value**2, inverse[0], inverse[1])
     value = combine(fit, np.append(at ** np.arange(degree + 1.0), 0.0))
     # The wheel is behind the motor: coming up in counts it reads the voltage of fewer.
-    apart = -fit.coefficients[-1] / slope.value
-    apart_row = np.append(np.zeros(degree + 1), -1.0 / slope.value) - apart / slope.value * slope_row
-    residual = (
-        pauses.potentiometer_v - _design((pauses.counts - centre) / half, pauses.direction, degree) @ fit.coefficients
-    )
+    steep = fit.coefficients[1] / half
+    apart = -fit.coefficients[-1] / steep
+    apart_row = np.append(np.zeros(degree + 1), -1.0 / steep)
+    apart_row[1] = -apart / steep / half
+    residual = pauses.potentiometer_v - fitted.design @ fit.coefficients
     kept = np.abs(residual[fit.weight > 0.0] / slope.value)
     return EncoderFit(
         counts_per_v,
@@ -358,5 +376,4 @@ def fitted_volts(
     fit: EncoderFit, counts: Float[np.ndarray, " record"], direction: Float[np.ndarray, " record"]
 ) -> Float[np.ndarray, " record"]:
     """Voltage at counts reached in a direction (+1 rising): the middle of the play and half of it to either side."""
-    half_v = 0.5 * fit.hysteresis_counts.value / fit.counts_per_v.value
-    return np.asarray(potentiometer_of_counts(fit, counts) - direction * half_v)
+    return potentiometer_of_counts(fit, counts - 0.5 * direction * fit.hysteresis_counts.value)

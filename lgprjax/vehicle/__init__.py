@@ -76,6 +76,7 @@ from lgprjax.vehicle.pursuit import (
     steer_exact,
     steer_stanley,
     step_pulses,
+    step_slack,
     stretched_look_ahead,
 )
 from lgprjax.vehicle.rollout import (
@@ -171,6 +172,7 @@ __all__ = [
     "step_drive",
     "step_pulses",
     "step_servo",
+    "step_slack",
     "straight_slope",
     "stretched_look_ahead",
     "torque_share",

@@ -199,6 +199,34 @@ def steer_stanley(
     return jnp.clip(front, -chassis.largest_angle_rad, chassis.largest_angle_rad)
 
 
+# Dead band and play of the steering, and a command that makes up for them.
+#
+# The wheels stay behind a command by the dead band and half of the play, on the side that they come from. When the
+# command turns back they stand until it has crossed both twice: a law that does not know this waits for an error that
+# is large enough, and swings about its path.
+#
+# The command leads the wanted angle by as much to the side that it moves to. How far it leads follows the last small
+# turn of the wanted angle, without a jump: noise does not throw it from side to side.
+
+_TURN_SHARE, _LEAST_TURN_RAD = 0.25, 0.001
+"""Turn of the wanted angle over which the lead changes sides, half of it: as a share of the lead, and at least."""
+
+
+def step_slack(
+    slack_rad: float | Float[Array, "..."], middle_rad: Float[Array, "..."], wanted_rad: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Middle of the last turn, carried to the next step, and the command that brings the wheels to the wanted angle.
+
+    Args:
+        slack_rad: dead band and half of the play; 0 commands what is wanted.
+        middle_rad: of the last step; at first where the wheels are.
+        wanted_rad: angle of the front wheels.
+    """
+    turn = jnp.maximum(_TURN_SHARE * jnp.asarray(slack_rad, jnp.float32), _LEAST_TURN_RAD)
+    middle = jnp.clip(middle_rad, wanted_rad - turn, wanted_rad + turn)
+    return middle, wanted_rad + slack_rad * (wanted_rad - middle) / turn
+
+
 # Vehicles that ignore small turn commands (MF section 4), and pulses that compensate for it.
 #
 # The turn command is the difference of the wheel speeds, right minus left. Below the threshold the vehicle drives

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, UInt16
 
 from lgprjax import __version__
 from lgprjax.autopilot.modes import ENGAGED
-from lgprjax.batch.recover import RowGatherer, rising
+from lgprjax.batch.run_signals import RowGatherer, rising
 from lgprjax.coverage import (
     LEVELS,
     CellGrid,

@@ -294,7 +294,9 @@ class Sent(NamedTuple):
 WHEELS = Sent(0.0, 0.0, 0.0)
 
 
-def command(planner: PlannerState | None = None, wheel_rad: float = 0.1, **told: float | bool) -> tuple[Sent, int]:
+def command(
+    planner: PlannerState | None = None, wheel_rad: float = 0.1, config: AutopilotConfig = CONFIG, **told: float | bool
+) -> tuple[Sent, int]:
     """One step on the route's straight start, all engaged, at speed; ``told`` replaces inputs."""
     zero = jnp.float32(0.0)
     pose = VehiclePose(zero - ANCHOR_M + 10.0, zero, zero)
@@ -311,7 +313,7 @@ def command(planner: PlannerState | None = None, wheel_rad: float = 0.1, **told:
         front_rad=jnp.float32(told.get("front_rad", wheel_rad)),
         **{name: jnp.float32(value) for name, value in numbers.items()},
     )
-    sent, info = one_step(CONFIG, winding_route(), state, inputs)
+    sent, info = one_step(config, winding_route(), state, inputs)
     return Sent(*(float(part) for part in sent)), int(info.limited)
 
 
@@ -328,6 +330,19 @@ def test_with_no_place_on_the_route_the_wheels_stay_and_the_vehicle_slows() -> N
     assert sent.front_rad == np.float32(0.1)
     assert sent.throttle == 0.0
     assert command(wheel_rad=0.1)[0].front_rad < 0.1
+
+
+def test_the_command_makes_up_for_dead_band_and_play_where_it_steers() -> None:
+    """On the path and straight, with wheels to the left: the law wants them back, and the command leads that way."""
+    loose = CONFIG._replace(slack_rad=jnp.float32(0.005))
+    plain, leading = (command(wheel_rad=0.01, config=config)[0].front_rad for config in (CONFIG, loose))
+    # As fast as the limiter lets it: 0.01 rad in a step.
+    assert plain == pytest.approx(0.0, abs=1e-6)
+    assert leading == pytest.approx(-0.005, abs=1e-6)
+    kept, _ = command(planner=lost_planner(), wheel_rad=0.1, config=loose)
+    assert kept.front_rad == np.float32(0.1)
+    free, _ = command(wheel_rad=0.1, config=loose, steering_engaged=False, front_rad=0.07)
+    assert free.front_rad == np.float32(0.07)
 
 
 def test_a_speed_that_is_no_number_is_a_bad_command_but_in_a_stop() -> None:

@@ -67,3 +67,11 @@ def test_what_no_filter_can_have_is_refused_by_its_key(tmp_path: Path) -> None:
         wrong = with_values(_VEHICLE, {"navigation.side_noise": value}, {})
         with refused("navigation.side_noise"):
             write_vehicle(tmp_path / "x.vehicle.toml", wrong)
+
+
+def test_a_vehicle_that_is_not_calibrated_yet_has_a_model() -> None:
+    """Rear wheels that do not steer, lengths by tape, and nothing else: a first drive is recorded with it."""
+    known = {"name": "kit", "steering_kind": "counter_steer", "chassis": {"wheelbase_m": 3.2}, "array": {"x_m": 6.2}}
+    model = filter_model_of(VehicleFile.model_validate({**known, "steering": {"rear_ratio": 0.0}}))
+    assert float(model.zero_slip_m) == 0.0
+    assert float(model.array_x_m) == pytest.approx(6.2)

@@ -1,18 +1,19 @@
 """Recorded runs as drive logs: what was recorded stands in them, and they are used like any other."""
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from batch.run_sample import LEAST_DELAY_S, MONO_NS, run_of_drive
+from batch.run_sample import LEAST_DELAY_S, MONO_NS, frame, record, run_of_drive
 from batch.sweep_drives import write_sweeps
 from canon.map import of_many_grounds
 from canon.site import Site
 from formats.run_log_sample import head_bytes, record_bytes
 from lgprjax.batch import register_log, write_run_drive
-from lgprjax.batch.recover import device_times, rising
+from lgprjax.batch.run_signals import device_times, rising, signals_of_run
 from lgprjax.formats import (
     DriveLog,
     MapFile,
@@ -222,6 +223,31 @@ def test_times_of_a_device() -> None:
         *(True, False, True, False),
         *(False, True, True),
     ]
+
+
+def test_pedals_act_when_the_box_says_that_it_has_taken_their_command(tmp_path: Path) -> None:
+    """Sent by the 20 ms, taken 30 ms later; a control process that is started anew counts from zero again."""
+    sent, told, taken = [], [], []
+    for tick in range(300):
+        now_ns = MONO_NS + tick * 10**7
+        number = (tick // 2) % 90
+        if tick % 2 == 0:
+            pedals = struct.pack("<fffB", 0.1, 0.001 * tick, 0.0005 * tick, 3)
+            raw = frame(0x20, pedals, session=8 + tick // 180, sequence=number, stamp_us=tick * 10_000)
+            sent.append(record(3, 1, now_ns + 1, raw))
+        has = tick // 2 * 2 - 4 if tick >= 4 else None
+        taken.append(np.nan if has is None else 0.001 * has)
+        number = 7777 if has is None else (has // 2) % 90
+        payload = struct.pack("<IBHHfiffBffdf", number, 3, 0, 0, 2.5, tick, 12.5, 0.1, 0, 0.25, 0.0, 0.01 * tick, 1.0)
+        told.append(record(2, 1, now_ns, frame(0x21, payload, session=5, sequence=tick, stamp_us=tick * 10_000)))
+    folder = tmp_path / "run"
+    folder.mkdir()
+    parts = [head_bytes(0, 0, mono_ns=MONO_NS)]
+    for number, each in enumerate(sorted([*sent, *told], key=lambda each: each.mono_ns)):
+        parts.append(record_bytes(number, each.data))
+    (folder / "0000.lgprun").write_bytes(b"".join(parts))
+    found = signals_of_run(read_run(folder))
+    np.testing.assert_allclose(found.pedals, np.outer(taken, [1.0, 0.5]), rtol=1e-6)
 
 
 def _only(run: Path, folder: Path, kept: Callable[[bytes], bool]) -> Path:

@@ -2,72 +2,76 @@
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 from canon.commands import run
 from canon.shared import shared_folder
 
-TRUTH = {
-    "steering.straight_potentiometer_v": 2.2,
-    "steering.rear_ratio": 0.5,
-    "steering.potentiometer_v_per_rad": -1.6,
-    "steering.encoder_counts_per_rad": 9000.0,
-    "steering.backlash_rad": math.radians(0.4),
-    "steering.characteristic_speed_mps": 14.0,
-    "steering.lag_s": 0.2,
-    "steering.largest_wheel_rate_radps": 0.4,
-    "steering.dead_band_rad": math.radians(0.3),
-    "throttle.pre_tension": 0.15,
-    "throttle.dead_zone": 0.04,
-    "throttle.gain_mps2": 2.5,
-    "throttle.lag_s": 0.5,
-    "brake.pre_tension": 0.12,
-    "brake.dead_zone": 0.05,
-    "brake.gain_mps2": 5.0,
-    "brake.lag_s": 0.3,
-    "resistance.rolling_mps2": 0.2,
-    "resistance.drag_per_s": 0.04,
-}
-"""Numbers of the simulated vehicle, by their paths in the vehicle file."""
-
 
 class Kit(NamedTuple):
     """A simulated vehicle that nobody knows.
 
     Attributes:
-        table: its numbers, see ``simulation.vehicle_logs.true_vehicle``.
+        numbers: of it, see ``simulation.vehicle_plans.true_vehicle``.
         known: what the crew writes into the vehicle file by itself, beside lengths measured with a tape.
-        wheelbase_m: by tape.
     """
 
-    table: str
-    wheelbase_m: float
+    numbers: dict[str, Any]
     known: str = ""
+
+    @property
+    def table(self) -> str:
+        """The numbers as TOML."""
+        return "".join(f"{name} = {value}\n" for name, value in self.numbers.items())
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """Numbers that a calibration finds, by their paths in the vehicle file. Not the delay of the steering: that of
+        the vehicle file is from the decision on, with the line to the box.
+        """
+        own, steering = self.numbers, "steering."
+        found = {
+            "straight_potentiometer_v": own["potentiometer_straight_v"],
+            "rear_ratio": own["rear"],
+            "potentiometer_v_per_rad": own["potentiometer_per_rad_v"][0],
+            "encoder_counts_per_rad": own["encoder_counts_per_rad"],
+            "backlash_rad": math.radians(own["backlash_deg"]),
+            "characteristic_speed_mps": own["characteristic_speed_mps"],
+            "lag_s": own["lag_s"],
+            "largest_wheel_rate_radps": own["rate_radps"],
+            "dead_band_rad": math.radians(own["dead_band_deg"]),
+            "asymmetry": own.get("asymmetry", 0.0),
+        }
+        truth = {steering + name: float(value) for name, value in found.items()}
+        for pedal in ("throttle", "brake"):
+            names = ("pre_tension", "dead_zone", "gain_mps2", "lag_s")
+            truth |= {f"{pedal}.{name}": value for name, value in zip(names, own[pedal], strict=True)}
+        return truth | {f"resistance.{name}": own[name] for name in ("rolling_mps2", "drag_per_s")}
 
 
 # Three turns of the steering wheel from lock to lock: a palm tree of seven arcs, the least.
 SHORT = Kit(
-    """wheelbase_m = 3.4
-largest_angle_deg = 32.0
-characteristic_speed_mps = 14.0
-rear = 0.5
-lag_s = 0.2
-rate_radps = 0.4
-delay_s = 0.08
-dead_band_deg = 0.3
-backlash_deg = 0.4
-potentiometer_straight_v = 2.2
-potentiometer_per_rad_v = [-1.6]
-encoder_counts_per_rad = 9000.0
-lock_to_lock_turns = 3.0
-throttle = [0.15, 0.04, 2.5, 0.5]
-brake = [0.12, 0.05, 5.0, 0.3]
-rolling_mps2 = 0.2
-drag_per_s = 0.04
-""",
-    3.4,
+    {
+        "wheelbase_m": 3.4,
+        "largest_angle_deg": 32.0,
+        "characteristic_speed_mps": 14.0,
+        "rear": 0.5,
+        "lag_s": 0.2,
+        "rate_radps": 0.4,
+        "delay_s": 0.08,
+        "dead_band_deg": 0.3,
+        "backlash_deg": 0.4,
+        "potentiometer_straight_v": 2.2,
+        "potentiometer_per_rad_v": [-1.6],
+        "encoder_counts_per_rad": 9000.0,
+        "lock_to_lock_turns": 3.0,
+        "throttle": [0.15, 0.04, 2.5, 0.5],
+        "brake": [0.12, 0.05, 5.0, 0.3],
+        "rolling_mps2": 0.2,
+        "drag_per_s": 0.04,
+    }
 )
 
 ARRAY_X_M = 6.2
@@ -118,7 +122,8 @@ def write_kit(folder: Path, kit: Kit = SHORT, script: str = "") -> Path:
     text = f"{LINES}{script}[simulation.vehicle]\n{kit.table}"
     (folder / "kit.run.toml").write_text(text, encoding="utf-8")
     path = folder / "kit.vehicle.toml"
-    path.write_text(_FILE.format(wheelbase_m=kit.wheelbase_m, known=kit.known, ARRAY_X_M=ARRAY_X_M), encoding="utf-8")
+    told = _FILE.format(wheelbase_m=kit.numbers["wheelbase_m"], known=kit.known, ARRAY_X_M=ARRAY_X_M)
+    path.write_text(told, encoding="utf-8")
     return path
 
 

@@ -95,7 +95,7 @@ class CalibratedVehicle:
         self.state = 128
         self.box_session = 1
         self._now_ns, self._tick = 10**12, 0
-        self._held, self._armed = 0, False
+        self._held, self._taken, self._armed = 0, 0, False
         self._throttle = 0.0
         self.parked = False
         self._senders = {line: Sender(3) for line in ("drive_by_wire", "controller")}
@@ -111,7 +111,7 @@ class CalibratedVehicle:
         """The box begins anew, and counts from nothing."""
         self.box_session += 1
         self._senders["drive_by_wire"] = Sender(self.box_session + 10)
-        self.odometer_m, self._held, self._armed = 0.0, 0, False
+        self.odometer_m, self._held, self._taken, self._armed = 0.0, 0, 0, False
 
     def tell(self, *notes: dict[str, Any]) -> None:
         """Notes of the supervisor."""
@@ -208,7 +208,8 @@ class CalibratedVehicle:
         for record in self.core.step(self._tick, self._now_ns, came):
             if record.kind is RecordKind.PORT_OUT and record.source is Source.DRIVE_BY_WIRE:
                 sent = decode(record.payload)
-                command = dict(sent.fields) if sent.name == "drive_command" else command
+                if sent.name == "drive_command":
+                    command, self._taken = dict(sent.fields), sent.sequence
             elif record.kind is RecordKind.PLAN:
                 self._row = record.payload
             elif record.kind is RecordKind.EVENT:
@@ -235,7 +236,7 @@ class CalibratedVehicle:
     def _status(self) -> bytes:
         volts = STRAIGHT_V + V_PER_RAD * self.angle_rad
         fields = {
-            "command_sequence": 0, "engaged": self._held, "state": self.state, "refused": 0,
+            "command_sequence": self._taken, "engaged": self._held, "state": self.state, "refused": 0,
             "potentiometer_v": volts if math.isnan(self.potentiometer_v) else self.potentiometer_v,
             "encoder_counts": round(1000 + COUNTS_PER_RAD * self.angle_rad), "supply_v": 24.0,
             "torque_nm": self.torque_nm, "pedals": int(self.foot), "throttle": self._throttle,

@@ -51,6 +51,19 @@ def test_the_fit_is_right_to_a_tenth_of_a_degree_at_the_wheel(bend: float) -> No
     assert fit.rms_counts <= fit.largest_counts
 
 
+def test_the_play_of_a_bent_potentiometer_is_the_same_number_of_counts_everywhere() -> None:
+    """In volts it is a seventh less at the ends than in the middle."""
+    vehicle = replace(VEHICLE, potentiometer_per_rad_v=(2.0, 0.0, -0.35))
+    due = VEHICLE.backlash_rad * VEHICLE.encoder_counts_per_rad
+    fits = [
+        fit_encoder(read_vehicle(vehicle, STILL, still_truth(), VehicleSensors(), seed), 2.43) for seed in range(30)
+    ]
+    pulls = [(fit.hysteresis_counts.value - due) / fit.hysteresis_counts.sigma for fit in fits]
+    assert abs(np.mean(pulls)) < 0.7
+    inside = [fit.hysteresis_counts.low <= due <= fit.hysteresis_counts.high for fit in fits]
+    assert sum(inside) >= 26
+
+
 def test_without_a_reference_the_middle_is_taken() -> None:
     fit = fit_encoder(log())
     assert fit.reference_v == pytest.approx(2.43, abs=0.02)

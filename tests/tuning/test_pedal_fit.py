@@ -59,6 +59,22 @@ def test_another_vehicle_is_found_from_another_start() -> None:
             assert abs(number.value - truth) < 5.0 * number.sigma + 0.01 * truth
 
 
+def test_friction_holds_the_brake_over_a_standstill() -> None:
+    """A brake that has been let up from 1 to 0.5 at rest acts more than its command says until it is released."""
+    told = step_pedals([0.3, 0.45, 0.6, 0.35, 0.5], [0.35, 0.5, 0.65, 0.4, 0.55])
+    pressed = np.flatnonzero(np.diff((told.brake == 1.0).astype(int)) == 1) + 1
+    brake = told.brake.copy()
+    for at in pressed:
+        brake[at + 100 : at + 800] = 0.5
+    told = told._replace(brake=brake)
+    signals = read_vehicle(VEHICLE, told, drive_manoeuvre(VEHICLE, told), VehicleSensors(record_hz=100.0), 1)
+    fit = fit_pedals(signals)
+    found = [*fit.throttle, *fit.brake, fit.rolling_mps2, fit.drag_per_s]
+    for name, number, exact in zip(PEDAL_NAMES, found, EXACT, strict=True):
+        assert number.value == pytest.approx(exact, rel=0.03, abs=0.004), name
+    assert fit.rms_m < 0.003
+
+
 def test_a_run_with_lost_seconds_is_left_out() -> None:
     signals = log(2, VehicleSensors(record_hz=20.0, record_gaps_s=((18.0, 20.0),)))
     assert cut_runs(signals, "test").runs == 2

@@ -36,6 +36,16 @@ def test_wheel_angles_that_are_wrong_do_not_mislead() -> None:
     assert fit.offset_rad == pytest.approx(0.007, abs=7e-4)
 
 
+def test_front_wheels_alone_at_the_angles_that_a_crew_is_asked_for() -> None:
+    """Some 6 degrees: half of it, or twice as much, is no harm."""
+    degree = np.pi / 180.0
+    for angle in (4.5, 5.7, 12.0):
+        told = drive_turns(SPEEDS_MPS, [angle * degree, -angle * degree])
+        vehicle = TrueVehicle(rear=0.0, characteristic_speed_mps=18.0)
+        found = fitted(simulate_vehicle_drive(vehicle, told, VehicleSensors(), seed=5).signals, ratio=0.0)
+        assert found.characteristic_speed_mps.value == pytest.approx(18.0, rel=0.04), angle
+
+
 def test_turns_to_one_side_and_no_loss_at_all() -> None:
     one_side = measured(drive(turns(sides=(1,)), characteristic_mps=20.0), Noise(), np.random.default_rng(2))
     fit = fitted(one_side)

@@ -155,11 +155,11 @@ def turns(speeds: tuple[float, ...] = SPEEDS_MPS, sides: tuple[int, ...] = (1, -
     return [Leg(side * angle, 12.0 * speed, speed) for speed in speeds for angle in angles for side in sides]
 
 
-def yaw_gain_of(signals: DriveSignals) -> YawGainFit:
+def yaw_gain_of(signals: DriveSignals, ratio: float = RATIO) -> YawGainFit:
     """By the front wheels' angles."""
     assert signals.front_rad is not None
     arcs = fit_arcs(signals, find_stretches(signals, signals.front_rad))
-    return fit_yaw_gain(arcs, chassis(), arcs.stretches.steering, arcs.stretches.sigma_steering)
+    return fit_yaw_gain(arcs, chassis(ratio), arcs.stretches.steering, arcs.stretches.sigma_steering)
 
 
 def yaw_gain_shares(draws: int, noise: Noise) -> tuple[float, float]:

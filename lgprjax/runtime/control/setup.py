@@ -112,6 +112,7 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
         risk=config.registration.risk,
         weak_exponent=pursuit.weak_exponent or 0.0,
         least_share=1.0 if pursuit.least_torque_share is None else pursuit.least_torque_share,
+        slack_rad=servo.dead_band_rad + 0.5 * servo.backlash_rad,
     )
     limits = {"free_cross_m": free_m, "slow_cross_m": slow_m, "stop_cross_m": stop_m}
     limits["degraded_mps"] = config.control.slow_mps

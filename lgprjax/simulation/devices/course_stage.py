@@ -37,7 +37,7 @@ from lgprjax.simulation.devices.vehicle import (
     Truth,
 )
 from lgprjax.simulation.devices.world import GAIN_DRIFT, CourseWorld, Sample, Trajectory
-from lgprjax.simulation.vehicle_logs import MANOEUVRES, stand_still, true_vehicle
+from lgprjax.simulation.vehicle_plans import MANOEUVRES, stand_still, true_vehicle
 from lgprjax.wire import Sender, Value, decode
 
 # What a run of the devices on a course is asked for.
@@ -57,8 +57,8 @@ class CourseSpec(StageSpec):
         host: what it does: drive, record, or record without a radar; times of the script count from when it does so.
         start_m: way along the baseline at which the vehicle stands.
         vehicle: numbers of ``TrueVehicle`` that differ from its defaults.
-        manoeuvre: of a calibration, that is driven by hand on level ground, see ``MANOEUVRES`` of ``vehicle_logs``: its
-            kind, or stand, and its numbers; empty: the course is driven.
+        manoeuvre: of a calibration, that is driven by hand on level ground, see ``MANOEUVRES`` of ``vehicle_plans``:
+            its kind, or stand, and its numbers; empty: the course is driven.
     """
 
     seed: int
@@ -156,15 +156,7 @@ class CourseStage(Stage[DriveBox, Tick]):
             self.drive_box.sense(begin_ns, before.speed_mps, before.brake, before.supply_v)
             orders = self.drive_box.orders(begin_ns)
             command, held = self.drive_box.command, self.drive_box.held
-            self._hands = self._driver.step(
-                running,
-                before.x_m,
-                before.y_m,
-                before.yaw_rad,
-                before.speed_mps,
-                has_pedals=not orders.pedals,
-                is_steered=orders.steering,
-            )
+            self._hands = self._driver.step(running, before, orders)
         turned = self._body.step(orders, self._hands)
         with self._lock:
             self._known.add(self.next_ns, turned.sample)

@@ -237,6 +237,7 @@ _CROSS_PER_M = 0.4
 _PREVIEW_S = 0.25
 _STANDS_MPS = 0.05
 _TAP_BRAKE, _HALT_BRAKE, _PARKED_BRAKE = 0.22, 0.45, 0.5
+_USUAL_THROTTLE, _HILL_MPS2 = 0.7, 1.2
 _END_M = 2.0
 _BACK, _ON = 10, 200
 _DOWN, _UP = 12, 6
@@ -289,8 +290,10 @@ def pedals_for_speed(vehicle: TrueVehicle, wanted_mps: float | None, speed_mps: 
         pre_tension, _, gain, _ = vehicle.brake
         return 0.0, float(np.clip(pre_tension - (slow_mps + 0.3) / gain, 0.0, 0.6)), True
     pre_tension, _, gain, _ = vehicle.throttle
-    asked = 1.5 * slow_mps + vehicle.rolling_mps2 + vehicle.drag_per_s * speed_mps
-    return float(np.clip(pre_tension + asked / gain, 0.0, 0.7)), 0.0, False
+    resistance = vehicle.rolling_mps2 + vehicle.drag_per_s * speed_mps
+    # As far as a weak engine needs up a hill.
+    most = min(max(_USUAL_THROTTLE, pre_tension + (_HILL_MPS2 + resistance) / gain), 1.0)
+    return float(np.clip(pre_tension + (1.5 * slow_mps + resistance) / gain, 0.0, most)), 0.0, False
 
 
 def scripted_input(
@@ -331,51 +334,42 @@ class Driver:
         self._braked = 0
         self._told: ScriptItem | None = None
 
-    def step(
-        self,
-        running: Iterable[ScriptItem],
-        x_m: float,
-        y_m: float,
-        yaw_rad: float,
-        speed_mps: float,
-        *,
-        has_pedals: bool,
-        is_steered: bool,
-    ) -> DriverInput:
-        """Actions of the driver at a true pose of the rear axle.
+    def step(self, running: Iterable[ScriptItem], at: Sample, orders: ActuatorOrders) -> DriverInput:
+        """Actions of the driver.
 
         A held brake takes the steering back: while it is engaged the driver brakes in taps, and drives on at the end of
         the road until it is handed over.
 
         Args:
             running: items of the script that run.
-            x_m, y_m, yaw_rad, speed_mps: of the rear axle.
-            has_pedals: nobody else holds them.
-            is_steered: the box holds the wheels.
+            at: the truth now.
+            orders: of the box; it may hold the wheels, or the pedals.
         """
         items = list(running)
         # The last order holds until another one.
-        orders = [item for item in items if item.name in ("drive", "stand")]
-        if orders and orders[-1] is not self._told:
-            self._told = orders[-1]
+        told = [item for item in items if item.name in ("drive", "stand")]
+        if told and told[-1] is not self._told:
+            self._told = told[-1]
             self._speed_mps = None if self._told.name == "stand" else float(self._told.numbers["speed_mps"])
-        front, to_go_m = self._steer(x_m, y_m, yaw_rad, speed_mps)
-        wanted = self._speed_mps if to_go_m > _END_M or is_steered else None
-        pedals = pedals_for_speed(self._vehicle, wanted, speed_mps) if has_pedals else (0.0, 0.0, False)
+        front, to_go_m = self._steer(at)
+        wanted = self._speed_mps if to_go_m > _END_M or orders.steering else None
+        free = (0.0, 0.0, False)
+        pedals = free if orders.pedals else pedals_for_speed(self._vehicle, wanted, at.speed_mps)
         foot = pedals[2]
         self._braked = (self._braked + 1) % (_DOWN + _UP) if foot or self._braked >= _DOWN else 0
-        if is_steered and wanted is not None and self._braked >= _DOWN:
-            pedals = (0.0, 0.0, False)
+        if orders.steering and wanted is not None and self._braked >= _DOWN:
+            pedals = free
         return scripted_input(items, front, pedals)
 
-    def _steer(self, x_m: float, y_m: float, yaw_rad: float, speed_mps: float) -> tuple[float, float]:
-        place = np.array([x_m + self._array_x_m * np.cos(yaw_rad), y_m + self._array_x_m * np.sin(yaw_rad)])
+    def _steer(self, sample: Sample) -> tuple[float, float]:
+        yaw_rad, along_m = sample.yaw_rad, self._array_x_m
+        place = np.array([sample.x_m + along_m * np.cos(yaw_rad), sample.y_m + along_m * np.sin(yaw_rad)])
         low = max(self._at - _BACK, 0)
         near = self._line_m[low : self._at + _ON]
         self._at = at = min(low + int(np.argmin(np.sum((near - place) ** 2, axis=1))), len(self._yaw) - 1)
         gap, yaw = place - self._line_m[at], self._yaw[at]
         cross_m = float(np.cos(yaw) * gap[1] - np.sin(yaw) * gap[0])
-        ahead_m = self._way_m[at] + speed_mps * _PREVIEW_S
+        ahead_m = self._way_m[at] + sample.speed_mps * _PREVIEW_S
         way = float(np.interp(ahead_m, self._way_m[:-1], self._yaw))
         turn = math.remainder(way - yaw_rad, math.tau) - np.clip(_CROSS_PER_M * cross_m, -0.5, 0.5)
         curvature = np.tan(np.clip(turn, -1.2, 1.2)) / self._ahead_m
@@ -402,32 +396,20 @@ class HandDriver:
         """Whether the manoeuvre has been driven to its end."""
         return self._time_s >= float(self._manoeuvre.time_s[-1])
 
-    def step(
-        self,
-        running: Iterable[ScriptItem],
-        x_m: float,
-        y_m: float,
-        yaw_rad: float,
-        speed_mps: float,
-        *,
-        has_pedals: bool,
-        is_steered: bool,
-    ) -> DriverInput:
+    def step(self, running: Iterable[ScriptItem], at: Sample, orders: ActuatorOrders) -> DriverInput:
         """Actions of the driver; see ``Driver.step``."""
-        del x_m, y_m, yaw_rad, is_steered
         told = self._manoeuvre
-        at = min(int(self._time_s / MOTION_STEP_S), len(told.time_s) - 1)
-        wanted = float(told.speed_mps[at])
-        stands = abs(speed_mps) < _STANDS_MPS
+        step = min(int(self._time_s / MOTION_STEP_S), len(told.time_s) - 1)
+        wanted = float(told.speed_mps[step])
+        stands = abs(at.speed_mps) < _STANDS_MPS
         if wanted and stands:
             self._gear = float(np.sign(wanted))
         if wanted or stands:
             self._time_s += self._tick_s
         halt = wanted * self._gear <= 0.0
-        pedals = pedals_for_speed(self._vehicle, None if halt else abs(wanted), self._gear * speed_mps)
-        return scripted_input(
-            running, float(told.wanted_rad[at]), pedals if has_pedals else (0.0, 0.0, False), self._gear
-        )
+        pedals = pedals_for_speed(self._vehicle, None if halt else abs(wanted), self._gear * at.speed_mps)
+        held = (0.0, 0.0, False) if orders.pedals else pedals
+        return scripted_input(running, float(told.wanted_rad[step]), held, self._gear)
 
 
 # The vehicle's body under the box's orders and the driver's hands: inputs and measurements.

@@ -284,6 +284,7 @@ def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSe
         tick_s=spec.tick_s,
         gnss_period_s=sensors.gnss_ticks.item() * spec.tick_s,
         risk=made_of.risk,
+        slack_rad=true.dead_band_rad + 0.5 * true.backlash_rad,
     )
     return LoopSetup(
         plant=Plant(chassis, servo_of(true), pedals_of(true), jnp.float32(true.nominal_v)),
