@@ -5,14 +5,13 @@ Two runs stand in ``data/``: ``course``, a counter-steered vehicle that finds it
 
     XLA_FLAGS=--xla_cpu_max_isa=SSE4_2 lgprjax run CONFIG.run.toml --simulate --for-s 24
 
-with ``onboard/simulated.run.toml`` (60 m, a sixth of the scans), in real time, and with ``onboard/field.run.toml``
-(GNSS off from 16 to 20 s, ``--lockstep --for-s 32``): another recording is another run, and is made only where a meant
-change makes the control loop decide otherwise. Then
+with ``--lockstep``: ``onboard/simulated.run.toml`` (60 m, a sixth of the scans), and ``onboard/field.run.toml`` (GNSS off
+from 16 to 20 s, ``--for-s 32``). Another recording is another run, and is made only where a meant change makes the control
+loop decide otherwise. Then
 
     PYTHONPATH=.:tests python -m frozen.recordings NAME RUN_FOLDER TICKS FILE...
 
-cuts it down to its first ticks (``course`` to 2,070: later ones obey an older speed cap) and lays it, with the files
-that it was driven with, into ``data/NAME/``.
+cuts it down to its first ticks and lays it, with the files that it was driven with, into ``data/NAME/``.
 """
 
 import hashlib

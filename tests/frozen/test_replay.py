@@ -16,7 +16,7 @@ from frozen.recordings import lay_out
 pytestmark = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="recorded on x86-64")
 
 
-_FRAMES = {"course": (2069, 2484), "field": (1498, 1797)}
+_FRAMES = {"course": (1200, 1442), "field": (1498, 1797)}
 """Ticks that are replayed, and frames that were sent in them."""
 
 
