@@ -5,9 +5,9 @@ Two runs stand in ``data/``: ``course``, a counter-steered vehicle that finds it
 
     XLA_FLAGS=--xla_cpu_max_isa=SSE4_2 lgprjax run CONFIG.run.toml --simulate --for-s 24
 
-with ``--lockstep``: ``onboard/simulated.run.toml`` (60 m, a sixth of the scans), and ``onboard/field.run.toml`` (GNSS off
-from 16 to 20 s, ``--for-s 32``). Another recording is another run, and is made only where a meant change makes the control
-loop decide otherwise. Then
+with ``--lockstep``: ``onboard/simulated.run.toml`` (60 m, a sixth of the scans), and ``onboard/field.run.toml`` (GNSS
+off from 16 to 20 s, ``--for-s 32``). Another recording is another run, and is made only where a meant change makes the
+control loop decide otherwise. Then
 
     PYTHONPATH=.:tests python -m frozen.recordings NAME RUN_FOLDER TICKS FILE...
 
