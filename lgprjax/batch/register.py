@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 from lgprjax import __version__
 from lgprjax.batch.assumptions import away_in_words, is_baseline, is_place_assumed
 from lgprjax.batch.chance import chance_of
+from lgprjax.batch.foreign import likelihood_of
 from lgprjax.batch.on_board import Agreement, agreement, on_board_of, placed, searches_of
 from lgprjax.batch.recording import (
     AS_STATED,
@@ -57,6 +58,7 @@ from lgprjax.registration import (
     register_drive,
     sigmas_along_cross,
 )
+from lgprjax.registration.bayes import Likelihood, filter_drive
 from lgprjax.registration.queries import SearchSizes
 from lgprjax.subsurface import GroundMap
 
@@ -80,12 +82,21 @@ class HeldGround:
         self.chance = chance_of(source)
         self._tiles = tiles
         self._prepared: PreparedGround | None = None
+        self._options = options
+        self._likelihoods: dict[int, Likelihood] = {}
 
     def prepared_for(self, array: ArrayGeometry) -> PreparedGround:
         """Template banks for an array: the cached ones, or empty ones for a new array."""
         if self._prepared is None or not _alike(self._prepared.array, array):
             self._prepared = PreparedGround(self.ground, array, keep=_BANKS * self._tiles)
         return self._prepared
+
+    def likelihood_for(self, array: ArrayGeometry, source: MapFile) -> Likelihood:
+        """What foreign ground scores for an array of so many channels, measured once."""
+        channels = len(array.x_m)
+        if channels not in self._likelihoods:
+            self._likelihoods[channels] = likelihood_of(source, self.ground, array, self._options)
+        return self._likelihoods[channels]
 
 
 _MOST_POINTS = 400
@@ -477,6 +488,20 @@ def register_log(
 
     def search(blocks: Iterator[LiveBlock], told: Callable[[int], None] = progress) -> DriveFixes:
         """One search from its beginning to its end."""
+        if options.filter is not None:
+            led = filter_drive(
+                held.ground,
+                operators,
+                array,
+                blocks,
+                options,
+                likelihood=held.likelihood_for(array, source),
+                sigma_scale=held.chance.sigma_scale,
+                recorded=recorded,
+                prepared=prepared,
+            )
+            told(len(led.scan))
+            return led
         parts: list[DriveFixes] = []
         for fixes in register_drive(
             held.ground,
@@ -503,7 +528,7 @@ def register_log(
         numbers, searches = zip(*searches_of(log, searched), strict=True)
         found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)
     before = np.asarray(found.fix.code)
-    forced = options.track or options.window_m is not None or options.own_thresholds is not None
+    forced = options.track or options.filter is not None or options.window_m is not None or options.own_thresholds is not None
     if not forced and options.search_swarm is None:
         found = carry_back(
             found,

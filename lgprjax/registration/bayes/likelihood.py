@@ -1,0 +1,93 @@
+"""From correlation to evidence: how many times likelier a correlation is on the map's ground than on foreign ground.
+
+A stop holds N independent numbers. On foreign ground its correlation scatters about zero with variance 1/N; on the
+map's own ground, repeated with a correlation rho, the ratio of the two likelihoods, gain and noise projected out, is
+(1 - rho²)^(N/2) / (1 - rho r)^N. N is measured on the map, whose scans are led over other places of it, and never more
+than the drive's own scatter beside its place allows. Foreign ground has a tail (a stone resembles a stone): a share
+``tail`` of foreign stops is taken to score like anything, which bounds the evidence of a stop by 1/tail.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+RHOS = (0.2, 0.4, 0.6, 0.8)
+"""Correlations with which the map's ground may repeat itself on another day."""
+_LARGEST_R = 0.98
+_LEAST_STRETCHES = 12
+_CAUTIOUS = 2.0
+"""Factor on variance and memory of a map that is too short to measure its own."""
+_TAILS = np.exp(-np.arange(0.5, 4.01, 0.25))
+_RUNS = (1, 4, 16)
+"""Stops over which the mean evidence of foreign ground must not exceed one."""
+
+
+class Likelihood(NamedTuple):
+    """What foreign ground scores on a map, for one array.
+
+    Attributes:
+        variance: of the correlation of a stop with foreign ground.
+        memory: by how much the variance of a sum over stops exceeds that of independent ones.
+        tail: share of foreign stops that score like anything.
+        stretches: of the map that it was measured on; 0: borrowed.
+    """
+
+    variance: Float[Array | np.ndarray, ""]
+    memory: Float[Array | np.ndarray, ""]
+    tail: Float[Array | np.ndarray, ""]
+    stretches: int = 0
+
+
+BORROWED = Likelihood(np.float32(0.05), np.float32(2.0), np.float32(np.exp(-1.5)))
+
+
+def evidence(
+    r: Float[Array, "*lattice"], rho: Float[Array, "*lattice"], numbers: Float[Array, "*lattice"], tail: Float[Array, ""]
+) -> Float[Array, "*lattice"]:
+    """Bayes factor of a correlation against foreign ground; 1 where there are no numbers."""
+    log = numbers * (0.5 * jnp.log1p(-(rho**2)) - jnp.log1p(-rho * jnp.minimum(r, _LARGEST_R)))
+    plain = jnp.exp(jnp.minimum(log, 60.0))
+    return (1.0 + tail) * plain / (1.0 + tail * plain)
+
+
+def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
+    """Likelihood from correlations on foreign ground: of each stretch, stop after stop, at places that stay the same.
+
+    The tail is the smallest for which the evidence of foreign ground, over one stop and over several, is one in the
+    mean for every repeatability: then the probability that it ever exceeds x is at most 1/x (Ville, 1939).
+    """
+    if len(r) < _LEAST_STRETCHES:
+        if not r:
+            return BORROWED
+        known = measure_likelihood(r * -(-_LEAST_STRETCHES // len(r)))
+        variance, memory = (_CAUTIOUS * np.float32(field) for field in known[:2])
+        return Likelihood(variance, memory, np.float32(max(known.tail, BORROWED.tail)), 0)
+    variance = float(np.mean([np.mean(each**2) for each in r]))
+    run = min(_RUNS[-1], min(len(each) for each in r))
+    summed = [np.mean(_runs(each, run).sum(axis=1) ** 2) / run for each in r]
+    memory = max(float(np.mean(summed)) / variance, 1.0)
+    tail = float(_TAILS[0])
+    for wanted in _TAILS[::-1]:
+        if all(_mean_evidence(r, rho, 1.0 / (variance * memory), wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
+            tail = float(wanted)
+            break
+    return Likelihood(np.float32(variance), np.float32(memory), np.float32(tail), len(r))
+
+
+def _runs(each: Float[np.ndarray, "stop place"], length: int) -> Float[np.ndarray, "run length place"]:
+    count = len(each) // length
+    return each[: count * length].reshape(count, length, -1)
+
+
+def _mean_evidence(r: list[np.ndarray], rho: float, numbers: float, tail: float, length: int) -> float:
+    """Mean over foreign stretches and places of the evidence of so many stops together."""
+    means = []
+    for each in r:
+        if len(each) < length:
+            continue
+        log = numbers * (0.5 * np.log1p(-(rho**2)) - np.log1p(-rho * np.minimum(each, _LARGEST_R)))
+        capped = np.log1p(tail) + log - np.logaddexp(0.0, np.log(tail) + log)
+        means.append(np.mean(np.exp(_runs(capped, length).sum(axis=1))))
+    return float(np.mean(means)) if means else 0.0
