@@ -497,8 +497,8 @@ def astray_of(stops: Stops) -> Float[np.ndarray, "stop 2"]:
 def _turned(mass: jax.Array, turn: jax.Array, step_m: jax.Array) -> jax.Array:
     """Mass on a lattice whose axes are turned by an angle, with the same centre and sum."""
     size = mass.shape[2:]
-    x = (jnp.arange(size[0]) - size[0] // 2)[:, None] * step_m[0]
-    y = (jnp.arange(size[1]) - size[1] // 2)[None] * step_m[1]
+    x = (jnp.arange(size[0], dtype=jnp.float32) - size[0] // 2)[:, None] * step_m[0]
+    y = (jnp.arange(size[1], dtype=jnp.float32) - size[1] // 2)[None] * step_m[1]
     cos, sin = jnp.cos(turn), jnp.sin(turn)
     at = [(cos * x - sin * y) / step_m[0] + size[0] // 2, (sin * x + cos * y) / step_m[1] + size[1] // 2]
 

@@ -152,8 +152,10 @@ def report(state: FilterState, surface: Surface, stop: Stop, model: Model, crop:
     place = jnp.sum(state.mass, axis=(0, 1))
     size = place.shape
     mode = jnp.stack(jnp.unravel_index(jnp.argmax(place), size)).astype(jnp.int32)
-    along = (jnp.arange(size[0]) - mode[0]) * model.step_m[0]
-    cross = (jnp.arange(size[1]) - mode[1]) * model.step_m[1]
+    along, cross = (
+        (jnp.arange(size[axis], dtype=jnp.float32) - mode[axis].astype(jnp.float32)) * model.step_m[axis]
+        for axis in range(2)
+    )
     away_m2 = along[:, None] ** 2 + cross[None] ** 2
     far = jnp.sum(jnp.where(away_m2 > WRONG_M**2, place, 0.0))
     plane, rho = jnp.sum(state.mass, axis=(1, 2, 3)), jnp.sum(state.mass, axis=(0, 2, 3))

@@ -19,7 +19,7 @@ _LARGEST_R = 0.98
 _LEAST_STRETCHES = 12
 _CAUTIOUS = 2.0
 """Factor on variance and memory of a map that is too short to measure its own."""
-_TAILS = np.exp(-np.arange(0.5, 4.01, 0.25))
+_TAILS = np.exp(-np.arange(0.5, 6.01, 0.25))
 _RUNS = (1, 4, 16)
 """Stops over which the mean evidence of foreign ground must not exceed one."""
 

@@ -115,9 +115,10 @@ def correlate(
     whole, share = jnp.sum(loud, axis=1), jnp.mean(loud, axis=0)
     share = share / jnp.maximum(jnp.sum(share), 1e-30)
     moved = offset + (corner - low.astype(jnp.float32))[None]
-    first = jnp.clip(jnp.floor(moved).astype(jnp.int32), -jnp.asarray(reach), jnp.asarray(reach))
+    most = jnp.asarray(reach, jnp.int32)[None]
+    first = jnp.clip(jnp.floor(moved).astype(jnp.int32), -most, most)
     part = moved - first.astype(jnp.float32)
-    first = first + jnp.asarray(reach)
+    first = first + most
     beside = jnp.stack([power, known])
 
     def add(channel: Int[Array, ""], sums: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -134,7 +135,7 @@ def correlate(
         below, mapped = between(beside)
         on = jnp.where(mapped > 1.0 - 1e-3, valid[channel], 0.0)
         own = between(jax.lax.dynamic_index_in_dim(product, channel, keepdims=False))
-        return sums[0] + on * own, sums[1] + on * below, sums[2] + on * share[channel], sums[3] + on
+        return sums[0] + on[None] * own, sums[1] + on * below, sums[2] + on * share[channel], sums[3] + on
 
     blank = (jnp.zeros((planes, *shape)), *(jnp.zeros(shape),) * 3)
     number, below, heard, over = jax.lax.fori_loop(0, channels, add, jax.tree.map(jnp.float32, blank))
