@@ -136,6 +136,11 @@ def check_search(options: RegisterOptions) -> None:
             raise ArgumentError(name, f"{what}, {least:g} to {most:g}", f"{value}")
     if options.time_scale is not None and not 0.5 <= options.time_scale <= 2.0:
         raise ArgumentError("time_scale", "auto, or a factor of 0.5 to 2, such as 1.05", f"{options.time_scale:g}")
+    if options.filter not in (None, "causal", "smoothed"):
+        raise ArgumentError("filter", "causal, smoothed or None", repr(options.filter)[:60])
+    windowed = (options.window_m, options.own_thresholds, options.swarm, options.search_swarm)
+    if options.filter is not None and (options.track or any(each is not None for each in windowed)):
+        raise ArgumentError("filter", "no window, thresholds, swarm or track beside it", options.filter)
     if options.risk is None or not 1e-9 <= options.risk <= 0.01:
         raise ArgumentError("risk", "a probability of 1e-9 to 0.01, such as 1e-4", f"{options.risk}")
 
@@ -528,7 +533,12 @@ def register_log(
         numbers, searches = zip(*searches_of(log, searched), strict=True)
         found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)
     before = np.asarray(found.fix.code)
-    forced = options.track or options.filter is not None or options.window_m is not None or options.own_thresholds is not None
+    forced = (
+        options.track
+        or options.filter is not None
+        or options.window_m is not None
+        or options.own_thresholds is not None
+    )
     if not forced and options.search_swarm is None:
         found = carry_back(
             found,
@@ -601,6 +611,7 @@ def write_registered(
         "time_scale": "found along the drive" if options.time_scale is None else options.time_scale,
         "seed": options.seed,
         "track": options.track,
+        **({} if options.filter is None else {"filter": options.filter}),
         "thresholds": thresholds,
         "against_the_map": drive.alignment._asdict(),
         "chain": source.description.settings.as_provenance(),

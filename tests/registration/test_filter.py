@@ -135,7 +135,9 @@ def expected(state: FilterState, stop: Stop, ground: LatticeGround) -> tuple[np.
     mass, foreign = mass / whole, foreign / whole
     there = mass.sum(axis=(0, 1))
     mode = np.array(np.unravel_index(np.argmax(there), SHAPE))
-    away = np.hypot(*np.meshgrid(*((np.arange(n) - m) * s for n, m, s in zip(SHAPE, mode, STEP_M, strict=True)), indexing="ij"))
+    away = np.hypot(
+        *np.meshgrid(*((np.arange(n) - m) * s for n, m, s in zip(SHAPE, mode, STEP_M, strict=True)), indexing="ij")
+    )
     return mass, foreign, foreign + there[away > 0.3].sum()
 
 
@@ -161,7 +163,9 @@ def test_a_step_is_as_numpy_says(place: tuple[float, float] | None) -> None:
 
 def test_stops_find_their_place_and_foreign_ones_do_not() -> None:
     ground = some_ground(4)
-    state, posterior = led(begin(PLANES, SHAPE, 0.5, VARIANCE), [a_stop(ground, s, (15.3, 13.8)) for s in range(12)], ground)
+    _, posterior = led(
+        begin(PLANES, SHAPE, 0.5, VARIANCE), [a_stop(ground, s, (15.3, 13.8)) for s in range(12)], ground
+    )
     assert np.asarray(posterior.mode[-1]).tolist() == [6, 5]
     assert int(jnp.argmax(posterior.plane[-1])) == 1
     foreign = led(begin(PLANES, SHAPE, 0.5, VARIANCE), [a_stop(ground, s, None) for s in range(12)], ground)[1]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from lgprjax.radar import LIGHT_SPEED_M_PER_NS, WAVE_SPEED_M_PER_NS, centre_of
 from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run
@@ -183,7 +183,8 @@ class DriveFilter:
         leg = int(stops.leg[at])
         if self._state is None or self._last is None or self._last[1] != leg:
             self._begin(astray[at])
-        assert self._state is not None and self._lattice is not None
+        assert self._state is not None
+        assert self._lattice is not None
         lattice = self._lattice
         if lattice.held:
             if float(self._state.foreign) > _LOST:
@@ -209,7 +210,8 @@ class DriveFilter:
 
     def _narrow(self) -> None:
         """A small lattice about the mode, once nearly all mass is there."""
-        assert self._state is not None and self._lattice is not None
+        assert self._state is not None
+        assert self._lattice is not None
         mass = self._state.mass
         place = np.asarray(jnp.sum(mass, axis=(0, 1)))
         mode = np.array(np.unravel_index(np.argmax(place), place.shape))
@@ -239,7 +241,8 @@ class DriveFilter:
 
     def _recentre(self) -> None:
         """Follow the mode in place and in the alternatives."""
-        assert self._state is not None and self._lattice is not None
+        assert self._state is not None
+        assert self._lattice is not None
         mass = self._state.mass
         place = np.asarray(jnp.sum(mass, axis=(0, 1)))
         mode = np.array(np.unravel_index(np.argmax(place), place.shape))
@@ -257,7 +260,8 @@ class DriveFilter:
 
     def _shift(self, cells: Int[np.ndarray, "2"]) -> None:
         """Move the lattice by whole places; what falls off is elsewhere."""
-        assert self._state is not None and self._lattice is not None
+        assert self._state is not None
+        assert self._lattice is not None
         mass = np.asarray(self._state.mass)
         out = np.zeros_like(mass)
         size = mass.shape[2:]
@@ -288,7 +292,8 @@ class DriveFilter:
         return float(np.max(np.asarray(self._lattice.shape) // 2 * self.step_m) + np.max(np.hypot(*self._body_m.T)))
 
     def _find_tile(self, stops: Stops, at: int) -> None:
-        assert self._state is not None and self._lattice is not None
+        assert self._state is not None
+        assert self._lattice is not None
         place = stops.reckoned_m[at] + self._lattice.centre_m
         self._tile = self.ground.tile_holding(self._tile, place, self._reach_m + _TILE_M)
         if self._tile is None:
@@ -309,7 +314,7 @@ class DriveFilter:
         for at in range(low + 1, high):
             if not same[at - low] or self._direction(stops, at) != self._direction(stops, low):
                 return at
-            if away[at - low] > _TILE_M and at % 4 == 0 or self._tile is None:
+            if self._tile is None or (away[at - low] > _TILE_M and at % 4 == 0):
                 place = stops.reckoned_m[at] + self._lattice.centre_m
                 if self.ground.tile_holding(self._tile, place, self._reach_m + _TILE_M) != self._tile:
                     return at
@@ -403,7 +408,9 @@ class DriveFilter:
         )
         return chunk, ground, reach
 
-    def correlations(self, stops: Stops, half: int) -> tuple[Float[np.ndarray, "stop place"], Float[np.ndarray, "stop place"]]:
+    def correlations(
+        self, stops: Stops, half: int
+    ) -> tuple[Float[np.ndarray, "stop place"], Float[np.ndarray, "stop place"]]:
         """Correlation and cover of each stop at places about dead reckoning, ``half`` of them to each side, at the
         map's own time scale and height.
         """
@@ -426,11 +433,15 @@ class DriveFilter:
     def _raw(self, stops: Stops, at: int) -> Float[np.ndarray, "2"]:
         return np.asarray(stops.pose[at, :2] - stops.reckoned_m[at])
 
-    def _travel(self, stops: Stops, low: int, high: int) -> tuple[Float[np.ndarray, " stop"], Float[np.ndarray, " stop"]]:
+    def _travel(
+        self, stops: Stops, low: int, high: int
+    ) -> tuple[Float[np.ndarray, " stop"], Float[np.ndarray, " stop"]]:
         """Travel to each stop of a chunk, and the probability that dead reckoning was lost on the way."""
         fresh = self._last is None or self._last[1] != stops.leg[low]
         travel_m, leap = np.zeros(self._chunk), np.zeros(self._chunk)
-        before = (stops.path_m[low] - self.spacing_m, self._raw(stops, low)) if fresh else (self._last[0], self._last[2])
+        before = (
+            (stops.path_m[low] - self.spacing_m, self._raw(stops, low)) if fresh else (self._last[0], self._last[2])
+        )
         for at in range(low, high):
             here = self._raw(stops, at)
             travel_m[at - low] = max(stops.path_m[at] - before[0], 0.0)

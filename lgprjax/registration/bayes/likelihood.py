@@ -44,7 +44,10 @@ BORROWED = Likelihood(np.float32(0.05), np.float32(2.0), np.float32(np.exp(-1.5)
 
 
 def evidence(
-    r: Float[Array, "*lattice"], rho: Float[Array, "*lattice"], numbers: Float[Array, "*lattice"], tail: Float[Array, ""]
+    r: Float[Array, "*lattice"],
+    rho: Float[Array, "*lattice"],
+    numbers: Float[Array, "*lattice"],
+    tail: Float[Array, ""],
 ) -> Float[Array, "*lattice"]:
     """Bayes factor of a correlation against foreign ground; 1 where there are no numbers."""
     log = numbers * (0.5 * jnp.log1p(-(rho**2)) - jnp.log1p(-rho * jnp.minimum(r, _LARGEST_R)))

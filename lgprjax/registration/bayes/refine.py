@@ -83,7 +83,7 @@ def fixes_of(
         rows = np.concatenate([batch.rows, np.full(_BATCH - len(batch.rows), batch.rows[0])])
         some = _Some(rows, place[rows], found.height_m[rows], half[rows], numbers[rows])
         _finish(stops, some, first, last, batch, prepared, led, least, fixes)
-    _add_what_no_match_sees(stops, fixes, prepared, options, tiles, unknown, sigma_scale)
+    _add_what_no_match_sees(stops, fixes, unknown, sigma_scale)
     beside = map_odometry_covariance(prepared, tiles, fixes, 0.0)
     fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
     return fixes, beside, scale
@@ -194,15 +194,7 @@ def _finish(
     fixes.code[own] = np.where(ok & lost, Code.LOW_OVERLAP, np.where(ok & astray, Code.EDGE, fixes.code[own]))
 
 
-def _add_what_no_match_sees(
-    stops: Stops,
-    fixes: Fix,
-    prepared: PreparedGround,
-    options: RegisterOptions,
-    tiles: Int[np.ndarray, " stop"],
-    unknown: Float[np.ndarray, "3"],
-    sigma_scale: float,
-) -> None:
+def _add_what_no_match_sees(stops: Stops, fixes: Fix, unknown: Float[np.ndarray, "3"], sigma_scale: float) -> None:
     """Scale the match's covariance and add attitude's; decline what is less sure than a right fix must be."""
     fixes.covariance[:] *= sigma_scale**2
     fixes.covariance[:, 2:, 2:] += np.diag(unknown**2)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from lgprjax.frames import body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
-from lgprjax.registration.bayes.drive import CHUNK, DriveFilter, Followed, astray_of
+from lgprjax.registration.bayes.drive import DriveFilter, Followed, astray_of
 from lgprjax.registration.bayes.likelihood import Likelihood
 from lgprjax.registration.bayes.refine import Reach, fixes_of
 from lgprjax.registration.bayes.smooth import LAG, SEGMENT, join, reversed_report
@@ -49,10 +49,10 @@ def filter_drive(
         prepared: of ground and array.
     """
     chain = live_chain(ground, operators, array, recorded)
-    led = DriveFilter(prepared, chain, options, likelihood, 1 if options.track else CHUNK)
+    led = DriveFilter(prepared, chain, options, likelihood)
     scans, stops, chosen = _gathered(chain, led, blocks, array, ground)
     ahead_m = max(_REFINED_M, 2.0 * led.wavelength_m)
-    smoothed = options.filter == "smoothed" and not options.track
+    smoothed = options.filter == "smoothed"
     parts: list[tuple[Fix, np.ndarray, np.ndarray]] = []
     for low in range(0, len(stops.number), SEGMENT):
         high = min(low + SEGMENT, len(stops.number))
@@ -112,7 +112,10 @@ def _smoothed(
     last[: after - 1] = stops.leg[: after - 1] != stops.leg[1:after]
     last[-1] = True
     padded = Followed(
-        *(np.concatenate([a, b[count:after]]) for a, b in zip(forward, Followed(*(f[:after] for f in backward)), strict=True))
+        *(
+            np.concatenate([a, b[count:after]])
+            for a, b in zip(forward, Followed(*(f[:after] for f in backward)), strict=True)
+        )
     )
     both = join(padded, Followed(*(f[:after] for f in backward)), last, led.step_m, led.places)
     return Followed(*(field[:count] for field in both))

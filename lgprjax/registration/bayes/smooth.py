@@ -48,7 +48,9 @@ def join(
         np.where(last.reshape(-1, *(1,) * (one.ndim - 1)), alone, one)
         for one, alone in ((joint, forward.crop.astype(np.float64)), (beyond, out))
     )
-    here = Followed(*(np.where(last.reshape(-1, *(1,) * (a.ndim - 1)), b, a) for a, b in zip(here, forward, strict=True)))
+    here = Followed(
+        *(np.where(last.reshape(-1, *(1,) * (a.ndim - 1)), b, a) for a, b in zip(here, forward, strict=True))
+    )
     whole = joint.sum(axis=(1, 2)) + beyond
     joint, beyond = joint / whole[:, None, None], beyond / whole
     row, column = np.unravel_index(joint.reshape(len(joint), -1).argmax(axis=1), joint.shape[1:])
@@ -78,9 +80,7 @@ def reversed_report(report: Followed) -> Followed:
 
 
 def _chosen(first: Bool[np.ndarray, " stop"], one: Followed, other: Followed) -> Followed:
-    return Followed(
-        *(np.where(first.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in zip(one, other, strict=True))
-    )
+    return Followed(*(np.where(first.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in zip(one, other, strict=True)))
 
 
 def _resampled(
