@@ -115,6 +115,7 @@ def expected(state: FilterState, stop: Stop, ground: LatticeGround) -> tuple[np.
     live, offset = np.asarray(stop.live, float), np.asarray(stop.offset, float)
     loud = (live**2).sum(axis=2)
     share = (loud * valid).mean(axis=0) / (loud * valid).mean(axis=0).sum()
+    ratio = np.ones_like(mass)
     for i, j in np.ndindex(*SHAPE):
         place = np.asarray(stop.corner, float) + (i, j)
         on = np.array([v * (between(known, *(place + o)) > 0.999) for v, o in zip(valid, offset, strict=True)])
@@ -129,8 +130,10 @@ def expected(state: FilterState, stop: Stop, ground: LatticeGround) -> tuple[np.
             r = float((live[plane] * under * on[:, None]).sum() / np.sqrt(below * heard))
             numbers = cover * min(travel_m / SPACING_M, 1.0) / (MEMORY * max(VARIANCE, float(state.variance)))
             for k, rho in enumerate(RHOS):
-                plain = (1 - rho**2) ** (numbers / 2) / (1 - rho * min(r, 0.98)) ** numbers
-                mass[plane, k, i, j] *= (1 + TAIL) * plain / (1 + TAIL * plain)
+                ratio[plane, k, i, j] = (1 - rho**2) ** (numbers / 2) / (1 - rho * min(r, 0.98)) ** numbers
+    believed = (mass * ratio).sum() / mass.sum()
+    mass = mass * ((1 - TAIL) * ratio + TAIL * believed)
+    foreign = foreign * (1 - TAIL + TAIL * believed)
     whole = mass.sum() + foreign
     mass, foreign = mass / whole, foreign / whole
     there = mass.sum(axis=(0, 1))

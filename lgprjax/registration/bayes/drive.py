@@ -27,12 +27,13 @@ CHUNK = 16
 SPACING = 0.25  # of the wavelength, from stop to stop
 _STEP = 0.2  # of the wavelength, from place to place
 _COMPONENTS = 32
+_NARROW = 2  # channels
 _SCALES = np.arange(0.92, 1.1301, 0.03)
 _NEAR_SCALE = 0.012
 _ROOM_M = 0.5  # by which the lattice reaches beyond the region
-_HELD = 2.0  # wavelengths about a known place, and no less than
+_HELD = 1.5  # wavelengths about a known place, and no less than
 _HELD_M = 0.5
-_APART = 1.2  # wavelengths from the mode at which places share no ground with it
+_APART = 8.0  # wavelengths from the mode at which layered ground does not resemble that of the mode any more
 _DECIDED, _LOST = 3e-5, 0.5  # mass elsewhere below which a place is known, and above which it is lost
 _PRIOR_FOREIGN = 0.5
 _LEAK_LOST, _LEAK_FOREIGN, _LEAK_BACK, _MIXING = 1e-5, 1e-5, 1e-3, 0.02  # a metre
@@ -133,7 +134,12 @@ class DriveFilter:
         self.spacing_m = SPACING * self.wavelength_m
         spec, _ = self.ground.grid_of(0)
         cell_m = np.array([spec.along_cell_m, spec.cross_cell_m])
-        self._stride = tuple(int(max(1, round(_STEP * self.wavelength_m / each))) for each in cell_m)
+        # Lines of one or two channels are hardly wider than their pitch: places farther apart would miss them.
+        description = self.ground.description
+        narrow = min(description.channels, len(prepared.array.x_m)) <= _NARROW
+        least_m = _STEP * self.wavelength_m
+        wanted_m = least_m, min(least_m, description.channel_pitch_m * (0.5 if narrow else 1.0))
+        self._stride = tuple(int(max(1, round(w / each + 1e-6))) for w, each in zip(wanted_m, cell_m, strict=True))
         self.step_m = cell_m * np.array(self._stride)
         self._components = self.ground.components[:, :_COMPONENTS]
         centre, array = centre_of(prepared.array), prepared.array
@@ -459,7 +465,14 @@ class DriveFilter:
         share = float(np.prod(self._lattice.shape)) / float(np.prod([2 * each + 1 for each in self._whole]))
         lost = _LEAK_LOST * (share if held else 1.0)
         foreign = _LEAK_FOREIGN + (_LEAK_LOST - lost)
-        numbers = (self.spacing_m, _APART * self.wavelength_m, lost, foreign, _LEAK_BACK * min(share, 1.0), _MIXING)
+        numbers = (
+            self.spacing_m,
+            _APART * self.wavelength_m / self.step_m[0],
+            lost,
+            foreign,
+            _LEAK_BACK * min(share, 1.0),
+            _MIXING,
+        )
         return Model(
             Likelihood(*(jnp.float32(field) for field in self.likelihood[:3]), 0),
             jnp.asarray(self.step_m, jnp.float32),

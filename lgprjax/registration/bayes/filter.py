@@ -23,8 +23,9 @@ from lgprjax.registration.fix import WRONG_M
 
 _SCATTER_M = 2.0
 """Travel over which the drive's own scatter is averaged."""
-_LEAST_CELLS = 100.0
-"""Places beside the mode from which a stop's scatter is taken."""
+_BESIDE = (7, 7)
+"""Places ahead of the mode, and as many behind, from which a stop's scatter is taken."""
+_LEAST_CELLS = 24.0
 
 
 class FilterState(NamedTuple):
@@ -33,7 +34,7 @@ class FilterState(NamedTuple):
     Attributes:
         mass: of each alternative, repeatability and place; with ``foreign`` it sums to one.
         foreign: of ground that is not the map's, and of all places and alternatives beyond the lattice.
-        variance: of the correlation beside the mode, over the last metres: what the drive itself shows.
+        variance: of the correlation ahead of the mode and behind it, over the last metres: what the drive itself shows.
     """
 
     mass: Float[Array, "plane rho along cross"]
@@ -72,7 +73,7 @@ class Model(NamedTuple):
         likelihood: of the map and the array.
         step_m: of the lattice, along and across.
         spacing_m: travel for which a stop holds the evidence that the likelihood was measured for.
-        apart_m: a place so far from the mode shares no ground with it.
+        apart: places along from the mode at which ground does not resemble that of the mode any more.
         lost, foreign, back: mass that leaks in a metre to anywhere on the lattice, to foreign ground, and from there.
         mixing: mass that alternatives exchange with a neighbour in a metre, and repeatabilities.
         neighbour: of alternatives: 1 for neighbours, else 0.
@@ -81,7 +82,7 @@ class Model(NamedTuple):
     likelihood: Likelihood
     step_m: Float[Array, "2"]
     spacing_m: Float[Array, ""]
-    apart_m: Float[Array, ""]
+    apart: Float[Array, ""]
     lost: Float[Array, ""]
     foreign: Float[Array, ""]
     back: Float[Array, ""]
@@ -142,13 +143,34 @@ def weigh(state: FilterState, surface: Surface, stop: Stop, model: Model) -> Fil
     numbers = 1.0 / (known.memory * jnp.maximum(known.variance, state.variance))
     numbers = numbers * jnp.minimum(stop.travel_m / model.spacing_m, 1.0) * surface.cover
     rho = jnp.asarray(RHOS, dtype=jnp.float32)[None, :, None, None]
-    mass = state.mass * evidence(surface.r[:, None], rho, numbers[None, None], known.tail)
-    whole = jnp.sum(mass) + state.foreign
-    return state._replace(mass=mass / whole, foreign=state.foreign / whole)
+    ratio = evidence(surface.r[:, None], rho, numbers[None, None])
+    believed = jnp.sum(state.mass * ratio) / jnp.maximum(jnp.sum(state.mass), 1e-30)
+    any_way = known.tail * believed
+    mass = state.mass * ((1.0 - known.tail) * ratio + any_way)
+    foreign = state.foreign * ((1.0 - known.tail) + any_way)
+    whole = jnp.sum(mass) + foreign
+    return state._replace(mass=mass / whole, foreign=foreign / whole)
 
 
-def report(state: FilterState, surface: Surface, stop: Stop, model: Model, crop: int) -> tuple[FilterState, Posterior]:
-    """What the state says; with the drive's own scatter renewed by the places beside the mode."""
+def scatter(state: FilterState, stop: Stop, ground: LatticeGround, model: Model, reach: tuple[int, int]) -> FilterState:
+    """The drive's own scatter, renewed by places ahead of the mode and behind it, for the likeliest alternative."""
+    place = jnp.sum(state.mass, axis=(0, 1))
+    mode = jnp.stack(jnp.unravel_index(jnp.argmax(place), place.shape)).astype(jnp.float32)
+    plane = jnp.argmax(jnp.sum(state.mass, axis=(1, 2, 3)))
+    live = jax.lax.dynamic_slice_in_dim(stop.live, plane, 1, axis=0)
+    square, cells = jnp.float32(0.0), jnp.float32(0.0)
+    half = 0.5 * jnp.asarray(_BESIDE, jnp.float32)
+    for side in (-1.0, 1.0):
+        corner = stop.corner + mode - half + jnp.stack([side * model.apart, jnp.float32(0.0)])
+        surface = correlate(ground, live, stop.valid, corner, stop.offset, _BESIDE, reach)
+        square += jnp.sum(surface.r[0] ** 2 * surface.cover)
+        cells += jnp.sum(surface.cover > 0.0, dtype=jnp.float32)
+    fresh = jnp.where(cells >= _LEAST_CELLS, 1.0 - jnp.exp(-stop.travel_m / _SCATTER_M), 0.0)
+    return state._replace(variance=state.variance + fresh * (square / jnp.maximum(cells, 1.0) - state.variance))
+
+
+def report(state: FilterState, surface: Surface, model: Model, crop: int) -> Posterior:
+    """What the state says."""
     place = jnp.sum(state.mass, axis=(0, 1))
     size = place.shape
     mode = jnp.stack(jnp.unravel_index(jnp.argmax(place), size)).astype(jnp.int32)
@@ -160,15 +182,10 @@ def report(state: FilterState, surface: Surface, stop: Stop, model: Model, crop:
     far = jnp.sum(jnp.where(away_m2 > WRONG_M**2, place, 0.0))
     plane, rho = jnp.sum(state.mass, axis=(1, 2, 3)), jnp.sum(state.mass, axis=(0, 2, 3))
     r = surface.r[jnp.argmax(plane)]
-    beside = (away_m2 > model.apart_m**2) & (surface.cover > 0.0)
-    cells = jnp.sum(beside, dtype=jnp.float32)
-    scatter = jnp.sum(jnp.where(beside, r**2 * surface.cover, 0.0)) / jnp.maximum(cells, 1.0)
-    fresh = jnp.where(cells >= _LEAST_CELLS, 1.0 - jnp.exp(-stop.travel_m / _SCATTER_M), 0.0)
-    state = state._replace(variance=state.variance + fresh * (scatter - state.variance))
     shape = (min(crop, size[0]), min(crop, size[1]))
     first = jnp.clip(mode - jnp.asarray(shape) // 2, 0, jnp.asarray(size) - jnp.asarray(shape))
     inner = jnp.pad(jnp.zeros((size[0] - 2, size[1] - 2)), 1, constant_values=1.0)
-    posterior = Posterior(
+    return Posterior(
         mode=mode,
         p_false=jnp.clip(state.foreign + far, 0.0, 1.0),
         foreign=state.foreign,
@@ -182,7 +199,6 @@ def report(state: FilterState, surface: Surface, stop: Stop, model: Model, crop:
         crop=jax.lax.dynamic_slice(place, (first[0], first[1]), shape),
         crop_at=first,
     )
-    return state, posterior
 
 
 def step(
@@ -191,7 +207,9 @@ def step(
     """One stop: predict, weigh, normalise, report. A stop that is not there changes nothing."""
     size = (state.mass.shape[2], state.mass.shape[3])
     surface = correlate(ground, stop.live, stop.valid, stop.corner, stop.offset, size, reach)
-    after, posterior = report(weigh(predict(state, stop, model), surface, stop, model), surface, stop, model, crop)
+    after = weigh(predict(state, stop, model), surface, stop, model)
+    posterior = report(after, surface, model, crop)
+    after = scatter(after, stop, ground, model, reach)
     return jax.tree.map(lambda new, old: jnp.where(stop.there, new, old), after, state), posterior
 
 

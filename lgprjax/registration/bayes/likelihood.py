@@ -3,8 +3,9 @@
 A stop holds N independent numbers. On foreign ground its correlation scatters about zero with variance 1/N; on the
 map's own ground, repeated with a correlation rho, the ratio of the two likelihoods, gain and noise projected out, is
 (1 - rho²)^(N/2) / (1 - rho r)^N. N is measured on the map, whose scans are led over other places of it, and never more
-than the drive's own scatter beside its place allows. Foreign ground has a tail (a stone resembles a stone): a share
-``tail`` of foreign stops is taken to score like anything, which bounds the evidence of a stop by 1/tail.
+than the drive's own scatter far from its place allows. Correlations have a tail (a stone resembles a stone): at every
+place, and on foreign ground, a share ``tail`` of stops is taken to say what was believed before, whatever they say. No
+stop changes the odds of two places, or of foreign ground, by more than 1/tail.
 """
 
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-RHOS = (0.2, 0.4, 0.6, 0.8)
+RHOS = (0.2, 0.45, 0.7, 0.9)
 """Correlations with which the map's ground may repeat itself on another day."""
 _LARGEST_R = 0.98
 _LEAST_STRETCHES = 12
@@ -30,7 +31,7 @@ class Likelihood(NamedTuple):
     Attributes:
         variance: of the correlation of a stop with foreign ground.
         memory: by how much the variance of a sum over stops exceeds that of independent ones.
-        tail: share of foreign stops that score like anything.
+        tail: share of stops that score like anything.
         stretches: of the map that it was measured on; 0: borrowed.
     """
 
@@ -44,15 +45,11 @@ BORROWED = Likelihood(np.float32(0.05), np.float32(2.0), np.float32(np.exp(-1.5)
 
 
 def evidence(
-    r: Float[Array, "*lattice"],
-    rho: Float[Array, "*lattice"],
-    numbers: Float[Array, "*lattice"],
-    tail: Float[Array, ""],
+    r: Float[Array, "*lattice"], rho: Float[Array, "*lattice"], numbers: Float[Array, "*lattice"]
 ) -> Float[Array, "*lattice"]:
-    """Bayes factor of a correlation against foreign ground; 1 where there are no numbers."""
+    """Ratio of a correlation's likelihoods on the map's ground and on foreign ground; 1 where there are no numbers."""
     log = numbers * (0.5 * jnp.log1p(-(rho**2)) - jnp.log1p(-rho * jnp.minimum(r, _LARGEST_R)))
-    plain = jnp.exp(jnp.minimum(log, 60.0))
-    return (1.0 + tail) * plain / (1.0 + tail * plain)
+    return jnp.exp(jnp.clip(log, -60.0, 60.0))
 
 
 def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
@@ -72,7 +69,9 @@ def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
     summed = [np.mean(_runs(each, run).sum(axis=1) ** 2) / run for each in r]
     memory = max(float(np.mean(summed)) / variance, 1.0)
     tail = float(_TAILS[0])
-    for wanted in _TAILS[::-1]:
+    # A share of three in so many stretches, each with its own ground, would not have been seen.
+    unseen = 3.0 * memory / sum(len(each) for each in r)
+    for wanted in _TAILS[_TAILS >= unseen][::-1]:
         if all(_mean_evidence(r, rho, 1.0 / (variance * memory), wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
             tail = float(wanted)
             break
@@ -91,6 +90,6 @@ def _mean_evidence(r: list[np.ndarray], rho: float, numbers: float, tail: float,
         if len(each) < length:
             continue
         log = numbers * (0.5 * np.log1p(-(rho**2)) - np.log1p(-rho * np.minimum(each, _LARGEST_R)))
-        capped = np.log1p(tail) + log - np.logaddexp(0.0, np.log(tail) + log)
+        capped = log - np.logaddexp(np.log1p(-tail), np.log(tail) + log)
         means.append(np.mean(np.exp(_runs(capped, length).sum(axis=1))))
     return float(np.mean(means)) if means else 0.0
