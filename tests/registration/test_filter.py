@@ -240,6 +240,18 @@ def test_a_clear_day_is_located(site: Site, causal: bool) -> None:
         assert np.sqrt(np.mean(true_errors(drive)[ok] ** 2, axis=0)).max() < 0.04
 
 
+def test_a_long_drive_is_joined_in_segments(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each with some of the stops that follow it."""
+    whole = registered(site, site.logs["live"])
+    monkeypatch.setattr("lgprjax.registration.bayes.register.SEGMENT", 90)
+    monkeypatch.setattr("lgprjax.registration.bayes.register.LAG", 40)
+    parts = registered(site, site.logs["live"])
+    np.testing.assert_array_equal(parts.table["code"] == "ok", whole.table["code"] == "ok")
+    both = np.asarray(parts.table["code"] == "ok")
+    apart = np.asarray(parts.fix.pose)[both, :2] - np.asarray(whole.fix.pose)[both, :2]
+    assert np.quantile(np.hypot(*apart.T), 0.9) < 0.01
+
+
 @pytest.mark.parametrize("day", ["snow", "rain"])
 def test_snow_and_rain_are_located(site: Site, day: str, tmp_path: Path) -> None:
     drive = registered(site, drive_over(village(), tmp_path / f"{day}.drive.h5", WEATHER[day](7)))

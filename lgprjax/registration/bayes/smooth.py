@@ -60,12 +60,11 @@ def join(
     p_false = beyond + np.sum(np.where(near, 0.0, joint), axis=(1, 2))
     place_m = np.stack([row * step_m[0], column * step_m[1]], axis=-1)
     error_m = here.first_m + np.einsum("ijs,sj->si", rotation(here.yaw), place_m)
-    foreign = forward.foreign * np.where(last, _PRIOR, ahead.foreign) / _PRIOR
-    foreign = foreign / (foreign + (1.0 - forward.foreign) * (1.0 - np.where(last, _PRIOR, ahead.foreign)) / _PRIOR)
+    foreign = np.where(last, forward.foreign, forward.foreign * ahead.foreign / _PRIOR) / whole
     return here._replace(
         error_m=error_m,
         p_false=np.clip(p_false, 0.0, 1.0),
-        foreign=foreign,
+        foreign=np.minimum(foreign, 1.0),
         crop=joint.astype(np.float32),
         rim=np.minimum(forward.rim, ahead.rim),
         r=forward.r,
