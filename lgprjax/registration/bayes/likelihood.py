@@ -71,7 +71,7 @@ def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
     tail = float(_TAILS[0])
     # A share of three in so many stretches, each with its own ground, would not have been seen.
     unseen = 3.0 * memory / sum(len(each) for each in r)
-    for wanted in _TAILS[_TAILS >= unseen][::-1]:
+    for wanted in _TAILS[unseen <= _TAILS][::-1]:
         if all(_mean_evidence(r, rho, 1.0 / (variance * memory), wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
             tail = float(wanted)
             break
