@@ -25,7 +25,8 @@ from lgprjax.registration.template_bank import PreparedGround
 CHUNK = 16
 """Stops of a chunk: a compiled shape."""
 SPACING = 0.25  # of the wavelength, from stop to stop
-_STEP = 0.2  # of the wavelength, from place to place
+_STEP = 0.2  # of the wavelength, from place to place, and no more than
+_MOST_STEP_M = 0.12  # as 0.3 m aside is another place
 _COMPONENTS = 32
 _NARROW = 2  # channels
 _SCALES = np.arange(0.92, 1.1301, 0.03)
@@ -62,13 +63,13 @@ class Alternatives(NamedTuple):
         """1 where two differ by one step."""
         apart = np.abs(self.scale[:, None] - self.scale) / scale_step
         apart += np.abs(self.height_m[:, None] - self.height_m) / height_step_m
-        return ((apart > 0.1) & (apart < 1.1)).astype(np.float32)
+        return np.asarray(((apart > 0.1) & (apart < 1.1)).astype(np.float32))
 
     def nearest(self, of: "Alternatives", scale_step: float, height_step_m: float) -> Float[np.ndarray, "plane other"]:
         """Share of each other's mass that these take: all of it goes to the nearest."""
         apart = ((self.scale[:, None] - of.scale) / scale_step) ** 2
         apart += ((self.height_m[:, None] - of.height_m) / height_step_m) ** 2
-        return (np.arange(len(self.scale))[:, None] == np.argmin(apart, axis=0)).astype(np.float32)
+        return np.asarray((np.arange(len(self.scale))[:, None] == np.argmin(apart, axis=0)).astype(np.float32))
 
 
 class Followed(NamedTuple):
@@ -137,7 +138,7 @@ class DriveFilter:
         # Lines of one or two channels are hardly wider than their pitch: places farther apart would miss them.
         description = self.ground.description
         narrow = min(description.channels, len(prepared.array.x_m)) <= _NARROW
-        least_m = _STEP * self.wavelength_m
+        least_m = min(_STEP * self.wavelength_m, _MOST_STEP_M)
         wanted_m = least_m, min(least_m, description.channel_pitch_m * (0.5 if narrow else 1.0))
         self._stride = tuple(int(max(1, round(w / each + 1e-6))) for w, each in zip(wanted_m, cell_m, strict=True))
         self.step_m = cell_m * np.array(self._stride)
@@ -208,7 +209,8 @@ class DriveFilter:
         scales = _SCALES if options.time_scale is None else np.array([options.time_scale])
         heights_m = _heights(options.height_m, self._height_step_m[False])
         planes = Alternatives.grid(scales, heights_m)
-        shape = tuple(2 * int(np.ceil(half_m / each)) + 1 for each in self.step_m)
+        along, cross = (2 * int(np.ceil(half_m / each)) + 1 for each in self.step_m)
+        shape = (along, cross)
         yaw = 0.0 if self._lattice is None else self._lattice.yaw
         self._lattice = _Lattice(np.asarray(centre_m, float), yaw, shape, planes, held=False)
         variance = self.likelihood.variance if self._state is None else self._state.variance
@@ -404,13 +406,13 @@ class DriveFilter:
         wander_m2 = travel_m * (_WANDER_M**2 + np.minimum(stops.sigma_yaw_rad[at], 0.1) ** 2)
         chunk = Stop(
             live,
-            (stops.valid[at] & inside[:, None]).astype(np.float32),
-            np.where(inside[:, None], corner, np.asarray(reach)).astype(np.float32),
-            channel_offsets(body_m, stops.pose[at, 3] - frame[2], self.step_m).astype(np.float32),
-            travel_m.astype(np.float32),
-            (wander_m2[:, None] / self.step_m**2).astype(np.float32),
-            leap.astype(np.float32),
-            np.arange(self._chunk) < count,
+            jnp.asarray(stops.valid[at] & inside[:, None], jnp.float32),
+            jnp.asarray(np.where(inside[:, None], corner, np.asarray(reach)), jnp.float32),
+            jnp.asarray(channel_offsets(body_m, stops.pose[at, 3] - frame[2], self.step_m), jnp.float32),
+            jnp.asarray(travel_m, jnp.float32),
+            jnp.asarray(wander_m2[:, None] / self.step_m**2, jnp.float32),
+            jnp.asarray(leap, jnp.float32),
+            jnp.asarray(np.arange(self._chunk) < count),
         )
         return chunk, ground, reach
 
@@ -443,11 +445,10 @@ class DriveFilter:
         self, stops: Stops, low: int, high: int
     ) -> tuple[Float[np.ndarray, " stop"], Float[np.ndarray, " stop"]]:
         """Travel to each stop of a chunk, and the probability that dead reckoning was lost on the way."""
-        fresh = self._last is None or self._last[1] != stops.leg[low]
+        before = float(stops.path_m[low]) - self.spacing_m, self._raw(stops, low)
+        if self._last is not None and self._last[1] == stops.leg[low]:
+            before = self._last[0], self._last[2]
         travel_m, leap = np.zeros(self._chunk), np.zeros(self._chunk)
-        before = (
-            (stops.path_m[low] - self.spacing_m, self._raw(stops, low)) if fresh else (self._last[0], self._last[2])
-        )
         for at in range(low, high):
             here = self._raw(stops, at)
             travel_m[at - low] = max(stops.path_m[at] - before[0], 0.0)
@@ -465,19 +466,17 @@ class DriveFilter:
         share = float(np.prod(self._lattice.shape)) / float(np.prod([2 * each + 1 for each in self._whole]))
         lost = _LEAK_LOST * (share if held else 1.0)
         foreign = _LEAK_FOREIGN + (_LEAK_LOST - lost)
-        numbers = (
-            self.spacing_m,
-            _APART * self.wavelength_m / self.step_m[0],
-            lost,
-            foreign,
-            _LEAK_BACK * min(share, 1.0),
-            _MIXING,
-        )
+        known, neighbour = self.likelihood, self._lattice.planes.neighbours
         return Model(
-            Likelihood(*(jnp.float32(field) for field in self.likelihood[:3]), 0),
-            jnp.asarray(self.step_m, jnp.float32),
-            *(jnp.float32(each) for each in numbers),
-            jnp.asarray(self._lattice.planes.neighbours(self._scale_step[held], self._height_step_m[held])),
+            likelihood=Likelihood(*(jnp.float32(field) for field in (known.variance, known.memory, known.tail))),
+            step_m=jnp.asarray(self.step_m, jnp.float32),
+            spacing_m=jnp.float32(self.spacing_m),
+            apart=jnp.float32(_APART * self.wavelength_m / self.step_m[0]),
+            lost=jnp.float32(lost),
+            foreign=jnp.float32(foreign),
+            back=jnp.float32(_LEAK_BACK * min(share, 1.0)),
+            mixing=jnp.float32(_MIXING),
+            neighbour=jnp.asarray(neighbour(self._scale_step[held], self._height_step_m[held])),
         )
 
     def _told(self, posterior: Posterior) -> Followed:
@@ -492,15 +491,16 @@ class DriveFilter:
         crop = np.zeros((count, self.crop, self.crop), np.float32)
         size = posterior.crop.shape[1:]
         crop[:, : size[0], : size[1]] = posterior.crop
+        same = ("p_false", "foreign", "rim", "r", "cover", "widest", "variance")
         return Followed(
-            lattice.centre_m + ((posterior.mode - half) * self.step_m) @ turn,
-            *(np.asarray(getattr(posterior, name), np.float64) for name in Followed._fields[1:8]),
-            share @ lattice.planes.scale,
-            share @ lattice.planes.height_m,
-            rho @ np.asarray(RHOS) / np.maximum(rho.sum(axis=1), 1e-30),
-            crop,
-            lattice.centre_m + ((posterior.crop_at - half) * self.step_m) @ turn,
-            np.full(count, lattice.yaw),
+            error_m=lattice.centre_m + ((posterior.mode - half) * self.step_m) @ turn,
+            scale=share @ lattice.planes.scale,
+            height_m=share @ lattice.planes.height_m,
+            rho=rho @ np.asarray(RHOS) / np.maximum(rho.sum(axis=1), 1e-30),
+            crop=crop,
+            first_m=lattice.centre_m + ((posterior.crop_at - half) * self.step_m) @ turn,
+            yaw=np.full(count, lattice.yaw),
+            **{name: np.asarray(getattr(posterior, name), np.float64) for name in same},
         )
 
 
@@ -530,4 +530,5 @@ def _turned(mass: jax.Array, turn: jax.Array, step_m: jax.Array) -> jax.Array:
         return jax.scipy.ndimage.map_coordinates(plane, at, order=1, mode="nearest")
 
     moved = jax.vmap(jax.vmap(one))(mass)
-    return moved * (jnp.sum(mass) / jnp.maximum(jnp.sum(moved), 1e-30))
+    turned: jax.Array = moved * (jnp.sum(mass) / jnp.maximum(jnp.sum(moved), 1e-30))
+    return turned

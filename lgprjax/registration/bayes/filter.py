@@ -140,7 +140,7 @@ def predict(state: FilterState, stop: Stop, model: Model) -> FilterState:
 def weigh(state: FilterState, surface: Surface, stop: Stop, model: Model) -> FilterState:
     """The state times the evidence of a surface, normalised."""
     known = model.likelihood
-    numbers = 1.0 / (known.memory * jnp.maximum(known.variance, state.variance))
+    numbers: Array = 1.0 / (known.memory * jnp.maximum(jnp.asarray(known.variance), state.variance))
     numbers = numbers * jnp.minimum(stop.travel_m / model.spacing_m, 1.0) * surface.cover
     rho = jnp.asarray(RHOS, dtype=jnp.float32)[None, :, None, None]
     ratio = evidence(surface.r[:, None], rho, numbers[None, None])

@@ -35,13 +35,13 @@ class Likelihood(NamedTuple):
         stretches: of the map that it was measured on; 0: borrowed.
     """
 
-    variance: Float[Array | np.ndarray, ""]
-    memory: Float[Array | np.ndarray, ""]
-    tail: Float[Array | np.ndarray, ""]
+    variance: float | Float[Array, ""]
+    memory: float | Float[Array, ""]
+    tail: float | Float[Array, ""]
     stretches: int = 0
 
 
-BORROWED = Likelihood(np.float32(0.05), np.float32(2.0), np.float32(np.exp(-1.5)))
+BORROWED = Likelihood(0.05, 2.0, 0.22)
 
 
 def evidence(
@@ -62,8 +62,8 @@ def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
         if not r:
             return BORROWED
         known = measure_likelihood(r * -(-_LEAST_STRETCHES // len(r)))
-        variance, memory = (_CAUTIOUS * np.float32(field) for field in known[:2])
-        return Likelihood(variance, memory, np.float32(max(known.tail, BORROWED.tail)), 0)
+        tail = max(float(known.tail), float(BORROWED.tail))
+        return Likelihood(_CAUTIOUS * float(known.variance), _CAUTIOUS * float(known.memory), tail, 0)
     variance = float(np.mean([np.mean(each**2) for each in r]))
     run = min(_RUNS[-1], min(len(each) for each in r))
     summed = [np.mean(_runs(each, run).sum(axis=1) ** 2) / run for each in r]
@@ -71,11 +71,12 @@ def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
     tail = float(_TAILS[0])
     # A share of three in so many stretches, each with its own ground, would not have been seen.
     unseen = 3.0 * memory / sum(len(each) for each in r)
-    for wanted in _TAILS[unseen <= _TAILS][::-1]:
-        if all(_mean_evidence(r, rho, 1.0 / (variance * memory), wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
-            tail = float(wanted)
+    numbers = 1.0 / (variance * memory)
+    for wanted in sorted(float(each) for each in _TAILS if each >= unseen):
+        if all(_mean_evidence(r, rho, numbers, wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
+            tail = wanted
             break
-    return Likelihood(np.float32(variance), np.float32(memory), np.float32(tail), len(r))
+    return Likelihood(variance, memory, tail, len(r))
 
 
 def _runs(each: Float[np.ndarray, "stop place"], length: int) -> Float[np.ndarray, "run length place"]:

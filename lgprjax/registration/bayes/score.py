@@ -158,7 +158,10 @@ def surfaces(
     reach: tuple[int, int],
 ) -> Surface:
     """``correlate`` for each of some stops."""
-    return jax.lax.map(lambda stop: correlate(ground, *stop, shape, reach), (live, valid, corner, offset))
+    made: Surface = jax.lax.map(
+        lambda stop: correlate(ground, stop[0], stop[1], stop[2], stop[3], shape, reach), (live, valid, corner, offset)
+    )
+    return made
 
 
 def channel_offsets(
@@ -173,4 +176,4 @@ def channel_offsets(
     """
     cos, sin = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
     forward, left = np.moveaxis(np.broadcast_to(body_m, (len(yaw_rad), *body_m.shape[-2:])), -1, 0)
-    return np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1) / step_m
+    return np.asarray(np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1) / step_m)
