@@ -67,7 +67,7 @@ class Register:
     """largest accepted probability of a false fix: probability, per 4 m of travel, that other ground matches as well as
     the fix"""
     search: Literal["exhaustive", "swarm", "filter", "causal"] = "exhaustive"
-    """exhaustive: every position of the search region; swarm: a particle swarm, an independent check, about 4 times slower
+    """exhaustive: every position of the search region; swarm: a particle swarm, an independent check, 4 times slower
     (median of 30 simulated sites); filter, causal: a Bayes filter instead of windows, with and without later scans"""
     finish: Literal["newton", "swarm"] = "newton"
     """refinement of candidate poses: newton (Gauss-Newton), or swarm (a particle swarm around each candidate, without
