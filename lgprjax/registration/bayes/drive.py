@@ -527,7 +527,8 @@ def _turned(mass: jax.Array, turn: jax.Array, step_m: jax.Array) -> jax.Array:
     at = [(cos * x - sin * y) / step_m[0] + size[0] // 2, (sin * x + cos * y) / step_m[1] + size[1] // 2]
 
     def one(plane: jax.Array) -> jax.Array:
-        return jax.scipy.ndimage.map_coordinates(plane, at, order=1, mode="nearest")
+        found: jax.Array = jax.scipy.ndimage.map_coordinates(plane, at, order=1, mode="nearest")
+        return found
 
     moved = jax.vmap(jax.vmap(one))(mass)
     turned: jax.Array = moved * (jnp.sum(mass) / jnp.maximum(jnp.sum(moved), 1e-30))

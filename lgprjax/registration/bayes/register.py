@@ -86,11 +86,11 @@ def _gathered(
         scans.append(part._replace(filtered=part.filtered[:0], valid=part.valid[:0], background=None))
     stops = Stops(*(np.concatenate(field) for field in zip(*parts, strict=True)))
     track = type(scans[0].track)(*(np.concatenate(f) for f in zip(*(each.track for each in scans), strict=True)))
-    joined = {
-        name: np.concatenate([getattr(each, name) for each in scans])
-        for name in ("number", "path_m", "dead_reckoned_m")
-    }
-    return scans[0]._replace(track=track, **joined), stops, stops.number
+    number, path_m, reckoned_m = (
+        np.concatenate([getattr(each, name) for each in scans]) for name in ("number", "path_m", "dead_reckoned_m")
+    )
+    joined = scans[0]._replace(track=track, number=number, path_m=path_m, dead_reckoned_m=reckoned_m)
+    return joined, stops, stops.number
 
 
 def _smoothed(
