@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 from lgprjax import __version__
 from lgprjax.batch.assumptions import away_in_words, is_baseline, is_place_assumed
 from lgprjax.batch.chance import chance_of
+from lgprjax.batch.foreign import likelihood_of
 from lgprjax.batch.on_board import Agreement, agreement, on_board_of, placed, searches_of
 from lgprjax.batch.recording import (
     AS_STATED,
@@ -57,6 +58,7 @@ from lgprjax.registration import (
     register_drive,
     sigmas_along_cross,
 )
+from lgprjax.registration.bayes import Likelihood, filter_drive
 from lgprjax.registration.queries import SearchSizes
 from lgprjax.subsurface import GroundMap
 
@@ -80,12 +82,21 @@ class HeldGround:
         self.chance = chance_of(source)
         self._tiles = tiles
         self._prepared: PreparedGround | None = None
+        self._options = options
+        self._likelihoods: dict[int, Likelihood] = {}
 
     def prepared_for(self, array: ArrayGeometry) -> PreparedGround:
         """Template banks for an array: the cached ones, or empty ones for a new array."""
         if self._prepared is None or not _alike(self._prepared.array, array):
             self._prepared = PreparedGround(self.ground, array, keep=_BANKS * self._tiles)
         return self._prepared
+
+    def likelihood_for(self, array: ArrayGeometry, source: MapFile) -> Likelihood:
+        """What foreign ground scores for an array of so many channels, measured once."""
+        channels = len(array.x_m)
+        if channels not in self._likelihoods:
+            self._likelihoods[channels] = likelihood_of(source, self.ground, array, self._options)
+        return self._likelihoods[channels]
 
 
 _MOST_POINTS = 400
@@ -125,6 +136,11 @@ def check_search(options: RegisterOptions) -> None:
             raise ArgumentError(name, f"{what}, {least:g} to {most:g}", f"{value}")
     if options.time_scale is not None and not 0.5 <= options.time_scale <= 2.0:
         raise ArgumentError("time_scale", "auto, or a factor of 0.5 to 2, such as 1.05", f"{options.time_scale:g}")
+    if options.filter not in (None, "causal", "smoothed"):
+        raise ArgumentError("filter", "causal, smoothed or None", repr(options.filter)[:60])
+    windowed = (options.window_m, options.own_thresholds, options.swarm, options.search_swarm)
+    if options.filter is not None and (options.track or any(each is not None for each in windowed)):
+        raise ArgumentError("filter", "no window, thresholds, swarm or track beside it", options.filter)
     if options.risk is None or not 1e-9 <= options.risk <= 0.01:
         raise ArgumentError("risk", "a probability of 1e-9 to 0.01, such as 1e-4", f"{options.risk}")
 
@@ -477,6 +493,20 @@ def register_log(
 
     def search(blocks: Iterator[LiveBlock], told: Callable[[int], None] = progress) -> DriveFixes:
         """One search from its beginning to its end."""
+        if options.filter is not None:
+            led = filter_drive(
+                held.ground,
+                operators,
+                array,
+                blocks,
+                options,
+                likelihood=held.likelihood_for(array, source),
+                sigma_scale=held.chance.sigma_scale,
+                recorded=recorded,
+                prepared=prepared,
+            )
+            told(len(led.scan))
+            return led
         parts: list[DriveFixes] = []
         for fixes in register_drive(
             held.ground,
@@ -503,7 +533,12 @@ def register_log(
         numbers, searches = zip(*searches_of(log, searched), strict=True)
         found = placed([search(blocks) for blocks in searches], list(numbers), log.scans)
     before = np.asarray(found.fix.code)
-    forced = options.track or options.window_m is not None or options.own_thresholds is not None
+    forced = (
+        options.track
+        or options.filter is not None
+        or options.window_m is not None
+        or options.own_thresholds is not None
+    )
     if not forced and options.search_swarm is None:
         found = carry_back(
             found,
@@ -576,6 +611,7 @@ def write_registered(
         "time_scale": "found along the drive" if options.time_scale is None else options.time_scale,
         "seed": options.seed,
         "track": options.track,
+        **({} if options.filter is None else {"filter": options.filter}),
         "thresholds": thresholds,
         "against_the_map": drive.alignment._asdict(),
         "chain": source.description.settings.as_provenance(),

@@ -66,9 +66,9 @@ class Register:
     risk: float = 1e-4
     """largest accepted probability of a false fix: probability, per 4 m of travel, that other ground matches as well as
     the fix"""
-    search: Literal["exhaustive", "swarm"] = "exhaustive"
-    """exhaustive: every position of the search region; swarm: a particle swarm over five dimensions, an independent
-    check with the same acceptance rules, about 4 times slower (median of 30 simulated sites)"""
+    search: Literal["exhaustive", "swarm", "filter", "causal"] = "exhaustive"
+    """exhaustive: every position of the search region; swarm: a particle swarm, an independent check, 4 times slower
+    (median of 30 simulated sites); filter, causal: a Bayes filter, with and without later scans (experimental)"""
     finish: Literal["newton", "swarm"] = "newton"
     """refinement of candidate poses: newton (Gauss-Newton), or swarm (a particle swarm around each candidate, without
     derivatives, slower)"""
@@ -111,6 +111,7 @@ class Register:
             swarm=FINISH_SWARM if self.finish == "swarm" else None,
             search_swarm=SEARCH_SWARM if self.search == "swarm" else None,
             track=self.track,
+            filter={"filter": "smoothed", "causal": "causal"}.get(self.search),
         )
         if self.track:
             options = _options_of_run(self.drives, options)

@@ -7,7 +7,7 @@ where they cannot be right, by the same search that registers a drive.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -347,6 +347,7 @@ class RegisterOptions:
     search_swarm: SwarmConfig | None = None
     seed: int = 0
     track: bool = False
+    filter: Literal["causal", "smoothed"] | None = None
 
     def search_half_m(self, sigma_m: Float[np.ndarray, " scan"] | None = None) -> float:
         """Half side of the search square around priors with these sigmas (NaN: not stated)."""

@@ -68,7 +68,7 @@ def test_files_of_one_vehicle_are_its_months() -> None:
 
 
 def test_what_cannot_be_compared() -> None:
-    with refused("vehicles", "at least two", found="1"):
+    with refused("vehicles", found="1"):
         fleet(drawn(1))
     skid = VehicleFile.model_validate({"name": "s", "steering_kind": "skid_steer", "skid_steer": {"track_m": 0.7}})
     with refused("steering_kind", "counter_steer", found="skid_steer", file="v1.vehicle.toml"):

@@ -139,7 +139,7 @@ def _days(world: World, days: Sequence[str], options: RegisterOptions, folder: P
         for day, live in lives.items():
             with MapFile.open(place / "ground.map.h5") as source, DriveLog.open(live.path) as log:
                 registered = register_log(source, log, options)
-            yield _figures(world, day, registered, passes, live)
+            yield figures_of(world, day, registered, passes, live)
 
 
 def judge(world: World, registered: RegisteredDrive, passes: Sequence[Drive], live: Drive) -> Judged:
@@ -185,7 +185,7 @@ def wrong_fixes(judged: Judged) -> Bool[np.ndarray, " scan"]:
     return np.asarray(judged.ok & (far | ~np.isfinite(judged.along_m)))
 
 
-def _figures(world: World, day: str, registered: RegisteredDrive, passes: Sequence[Drive], live: Drive) -> DayFigures:
+def figures_of(world: World, day: str, registered: RegisteredDrive, passes: Sequence[Drive], live: Drive) -> DayFigures:
     judged = judge(world, registered, passes, live)
     mapped = day != "impostor"
     counts, ok = judged.counts, judged.counts & judged.ok

@@ -1,0 +1,535 @@
+"""The filter led along a drive: stops in chunks, the lattice where the posterior is, tiles under it (host side).
+
+Where nothing is known the lattice covers the region about the prior, at every time scale and height. Once a place is
+known, a small lattice about it is enough, with the neighbouring alternatives: all the rest counts as foreign ground,
+whose evidence is one. Where foreign ground wins, the whole region is searched anew. Each is a compiled shape.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from lgprjax.radar import LIGHT_SPEED_M_PER_NS, WAVE_SPEED_M_PER_NS, centre_of
+from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run
+from lgprjax.registration.bayes.likelihood import RHOS, Likelihood
+from lgprjax.registration.bayes.score import LatticeGround, channel_offsets, lattice_ground, live_components, surfaces
+from lgprjax.registration.judge import RegisterOptions
+from lgprjax.registration.lattice import _heights
+from lgprjax.registration.queries import LiveChain, LiveScans, Stops, rotation
+from lgprjax.registration.template_bank import PreparedGround
+
+CHUNK = 16
+"""Stops of a chunk: a compiled shape."""
+SPACING = 0.25  # of the wavelength, from stop to stop
+_STEP = 0.2  # of the wavelength, from place to place, and no more than
+_MOST_STEP_M = 0.12  # as 0.3 m aside is another place
+_COMPONENTS = 32
+_NARROW = 2  # channels
+_SCALES = np.arange(0.92, 1.1301, 0.03)
+_NEAR_SCALE = 0.012
+_ROOM_M = 0.5  # by which the lattice reaches beyond the region
+_HELD = 1.5  # wavelengths about a known place, and no less than
+_HELD_M = 0.5
+_APART = 8.0  # wavelengths from the mode at which layered ground does not resemble that of the mode any more
+_DECIDED, _LOST = 3e-5, 0.5  # mass elsewhere below which a place is known, and above which it is lost
+_PRIOR_FOREIGN = 0.5
+_LEAK_LOST, _LEAK_FOREIGN, _LEAK_BACK, _MIXING = 1e-5, 1e-5, 1e-3, 0.02  # a metre
+_WANDER_M = 0.02  # of dead reckoning, per root of a metre
+_LEAP = 0.01  # probability that a step of positions was one of the vehicle
+_LEAP_M, _LEAP_NOISES = 0.1, 6.0
+_SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
+_ROOM = 8  # places about a tile's grid
+_TILE_M = 0.5  # of travel from which on a tile is looked up again
+_DIRECT = 0.5
+
+
+class Alternatives(NamedTuple):
+    """Time scales and what is added to the prior's height, a plane each."""
+
+    scale: Float[np.ndarray, " plane"]
+    height_m: Float[np.ndarray, " plane"]
+
+    @staticmethod
+    def grid(scale: Float[np.ndarray, " _"], height_m: Float[np.ndarray, " _"]) -> "Alternatives":
+        """All pairs."""
+        s, h = np.meshgrid(scale, height_m, indexing="ij")
+        return Alternatives(s.ravel(), h.ravel())
+
+    def neighbours(self, scale_step: float, height_step_m: float) -> Float[np.ndarray, "plane plane"]:
+        """1 where two differ by one step."""
+        apart = np.abs(self.scale[:, None] - self.scale) / scale_step
+        apart += np.abs(self.height_m[:, None] - self.height_m) / height_step_m
+        return np.asarray(((apart > 0.1) & (apart < 1.1)).astype(np.float32))
+
+    def nearest(self, of: "Alternatives", scale_step: float, height_step_m: float) -> Float[np.ndarray, "plane other"]:
+        """Share of each other's mass that these take: all of it goes to the nearest."""
+        apart = ((self.scale[:, None] - of.scale) / scale_step) ** 2
+        apart += ((self.height_m[:, None] - of.height_m) / height_step_m) ** 2
+        return np.asarray((np.arange(len(self.scale))[:, None] == np.argmin(apart, axis=0)).astype(np.float32))
+
+
+class Followed(NamedTuple):
+    """The filter's report of each stop, and where its lattice was.
+
+    Attributes:
+        error_m: mode of the error of dead reckoning, east and north.
+        p_false, foreign, rim, r, cover, widest, variance: see ``Posterior``.
+        scale, height_m: mean over the alternatives.
+        rho: mean of the repeatability.
+        crop: mass of the places about the mode; ``first_m`` the error at the crop's first place, ``yaw`` its axis.
+    """
+
+    error_m: Float[np.ndarray, "stop 2"]
+    p_false: Float[np.ndarray, " stop"]
+    foreign: Float[np.ndarray, " stop"]
+    rim: Float[np.ndarray, " stop"]
+    r: Float[np.ndarray, " stop"]
+    cover: Float[np.ndarray, " stop"]
+    widest: Float[np.ndarray, " stop"]
+    variance: Float[np.ndarray, " stop"]
+    scale: Float[np.ndarray, " stop"]
+    height_m: Float[np.ndarray, " stop"]
+    rho: Float[np.ndarray, " stop"]
+    crop: Float[np.ndarray, "stop _ _"]
+    first_m: Float[np.ndarray, "stop 2"]
+    yaw: Float[np.ndarray, " stop"]
+
+
+@dataclass
+class _Lattice:
+    """Where the state's lattice is: centre as an error of dead reckoning, axes of a tile, alternatives."""
+
+    centre_m: Float[np.ndarray, "2"]
+    yaw: float
+    shape: tuple[int, int]
+    planes: Alternatives
+    held: bool
+
+
+class DriveFilter:
+    """The filter of one drive.
+
+    Args:
+        prepared: ground of the map for the drive's array.
+        chain: of the drive.
+        options: of the search.
+        likelihood: of map and array.
+        chunk: stops led through the filter together; 1 on board.
+    """
+
+    def __init__(
+        self,
+        prepared: PreparedGround,
+        chain: LiveChain,
+        options: RegisterOptions,
+        likelihood: Likelihood,
+        chunk: int = CHUNK,
+    ) -> None:
+        self._prepared, self.ground, self._chain, self._options = prepared, prepared.ground, chain, options
+        self.likelihood, self._chunk = likelihood, chunk
+        self.wavelength_m = self.ground.description.settings.wavelength_m
+        self.spacing_m = SPACING * self.wavelength_m
+        spec, _ = self.ground.grid_of(0)
+        cell_m = np.array([spec.along_cell_m, spec.cross_cell_m])
+        # Lines of one or two channels are hardly wider than their pitch: places farther apart would miss them.
+        description = self.ground.description
+        narrow = min(description.channels, len(prepared.array.x_m)) <= _NARROW
+        least_m = min(_STEP * self.wavelength_m, _MOST_STEP_M)
+        wanted_m = least_m, min(least_m, description.channel_pitch_m * (0.5 if narrow else 1.0))
+        self._stride = tuple(int(max(1, round(w / each + 1e-6))) for w, each in zip(wanted_m, cell_m, strict=True))
+        self.step_m = cell_m * np.array(self._stride)
+        self._components = self.ground.components[:, :_COMPONENTS]
+        centre, array = centre_of(prepared.array), prepared.array
+        self._body_m = np.stack([array.x_m - centre[0], array.y_m - centre[1]], axis=1)
+        # Half a period of delay is 0.5 c T / 2 of height: a quarter of a period leaves an eighth to either side.
+        period_m = 0.5 * LIGHT_SPEED_M_PER_NS * self.wavelength_m / WAVE_SPEED_M_PER_NS
+        self._height_step_m = {False: 0.25 * period_m, True: 0.125 * period_m}
+        self._scale_step = {False: float(_SCALES[1] - _SCALES[0]), True: _NEAR_SCALE}
+        self.crop = 2 * int(np.ceil(max(_HELD * self.wavelength_m, _HELD_M) / self.step_m.min())) + 1
+        self._half_m = options.search_half_m()
+        self._tiles: dict[tuple[int, int], LatticeGround] = {}
+        self._tile: int | None = None
+        self._state: FilterState | None = None
+        self._lattice: _Lattice | None = None
+        self._last: tuple[float, int, Float[np.ndarray, 2]] | None = None
+        self._steps: list[float] = []
+
+    def choose(self, scans: LiveScans, next_m: float) -> tuple[Int[np.ndarray, " stop"], float]:
+        """Scans that become stops, and travel of the next: the first of each step of travel."""
+        chosen = []
+        for scan, path_m in enumerate(scans.path_m):
+            if path_m >= next_m - 1e-9:
+                chosen.append(scan)
+                next_m = max(next_m, path_m - 0.5 * self.spacing_m) + self.spacing_m
+        return np.asarray(chosen, dtype=int), next_m
+
+    def follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"]) -> Followed:
+        """Lead the filter over stops, which go on from those before.
+
+        Args:
+            stops: in the order of travel, or against it.
+            astray: prior minus dead reckoning at each, east and north.
+        """
+        parts: list[Followed] = []
+        low, count = 0, len(stops.number)
+        while low < count:
+            self._place_lattice(stops, astray, low)
+            high = self._end_of_chunk(stops, low)
+            parts.append(self._follow_chunk(stops, low, high))
+            low = high
+        return Followed(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+    # Where the lattice is.
+
+    def _place_lattice(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], at: int) -> None:
+        """Begin, begin anew, narrow down, widen, or move the lattice before a chunk."""
+        leg = int(stops.leg[at])
+        if self._state is None or self._last is None or self._last[1] != leg:
+            self._begin(astray[at])
+        assert self._state is not None
+        assert self._lattice is not None
+        lattice = self._lattice
+        if lattice.held:
+            if float(self._state.foreign) > _LOST:
+                self._begin(astray[at])
+            else:
+                self._recentre()
+        else:
+            self._narrow()
+            if not lattice.held and np.max(np.abs(astray[at] - lattice.centre_m)) > _ROOM_M:
+                self._shift(np.round(self._to_lattice(astray[at] - lattice.centre_m) / self.step_m).astype(int))
+        self._find_tile(stops, at)
+
+    def _begin(self, centre_m: Float[np.ndarray, "2"]) -> None:
+        options, half_m = self._options, self._half_m + _ROOM_M
+        scales = _SCALES if options.time_scale is None else np.array([options.time_scale])
+        heights_m = _heights(options.height_m, self._height_step_m[False])
+        planes = Alternatives.grid(scales, heights_m)
+        along, cross = (2 * int(np.ceil(half_m / each)) + 1 for each in self.step_m)
+        shape = (along, cross)
+        yaw = 0.0 if self._lattice is None else self._lattice.yaw
+        self._lattice = _Lattice(np.asarray(centre_m, float), yaw, shape, planes, held=False)
+        variance = self.likelihood.variance if self._state is None else self._state.variance
+        self._state = begin(len(planes.scale), shape, _PRIOR_FOREIGN, float(variance))
+
+    def _narrow(self) -> None:
+        """A small lattice about the mode, once nearly all mass is there."""
+        assert self._state is not None
+        assert self._lattice is not None
+        mass = self._state.mass
+        place = np.asarray(jnp.sum(mass, axis=(0, 1)))
+        mode = np.array(np.unravel_index(np.argmax(place), place.shape))
+        half = np.ceil(max(_HELD * self.wavelength_m, _HELD_M) / self.step_m).astype(int)
+        low, high = np.maximum(mode - half, 0), np.minimum(mode + half + 1, place.shape)
+        near = float(place[low[0] : high[0], low[1] : high[1]].sum())
+        if 1.0 - near > _DECIDED:
+            return
+        lattice = self._lattice
+        plane = np.asarray(jnp.sum(mass, axis=(1, 2, 3)))
+        best = int(np.argmax(plane))
+        planes = self._near(lattice.planes.scale[best], lattice.planes.height_m[best])
+        share = planes.nearest(lattice.planes, self._scale_step[False], self._height_step_m[False])
+        padded = jnp.pad(mass, [(0, 0), (0, 0), (half[0],) * 2, (half[1],) * 2])
+        shape = (int(2 * half[0] + 1), int(2 * half[1] + 1))
+        cut = jax.lax.dynamic_slice(padded, (0, 0, *mode), (*mass.shape[:2], *shape))
+        self._take(jnp.einsum("gh,hrij->grij", jnp.asarray(share), cut))
+        moved_m = (mode - np.asarray(lattice.shape) // 2) * self.step_m
+        centre_m = lattice.centre_m + rotation(lattice.yaw) @ moved_m
+        self._lattice = replace(lattice, centre_m=centre_m, shape=shape, planes=planes, held=True)
+
+    def _near(self, scale: float, height_m: float) -> Alternatives:
+        """Alternatives about one."""
+        about = np.array([-1.0, 0.0, 1.0])
+        scales = scale + _NEAR_SCALE * about if self._options.time_scale is None else np.array([scale])
+        return Alternatives.grid(scales, height_m + self._height_step_m[True] * about)
+
+    def _recentre(self) -> None:
+        """Follow the mode in place and in the alternatives."""
+        assert self._state is not None
+        assert self._lattice is not None
+        mass = self._state.mass
+        place = np.asarray(jnp.sum(mass, axis=(0, 1)))
+        mode = np.array(np.unravel_index(np.argmax(place), place.shape))
+        away = mode - np.asarray(self._lattice.shape) // 2
+        if np.max(np.abs(away)) > 2:
+            self._shift(away)
+        lattice = self._lattice
+        plane = np.asarray(jnp.sum(self._state.mass, axis=(1, 2, 3)))
+        best = int(np.argmax(plane))
+        if best != len(plane) // 2:
+            planes = self._near(lattice.planes.scale[best], lattice.planes.height_m[best])
+            share = planes.nearest(lattice.planes, self._scale_step[True], self._height_step_m[True])
+            self._take(jnp.einsum("gh,hrij->grij", jnp.asarray(share), self._state.mass))
+            self._lattice = replace(lattice, planes=planes)
+
+    def _shift(self, cells: Int[np.ndarray, "2"]) -> None:
+        """Move the lattice by whole places; what falls off is elsewhere."""
+        assert self._state is not None
+        assert self._lattice is not None
+        mass = np.asarray(self._state.mass)
+        out = np.zeros_like(mass)
+        size = mass.shape[2:]
+        to, of = [], []
+        for each, length in zip(cells, size, strict=True):
+            to.append(slice(max(-each, 0), max(min(length - each, length), 0)))
+            of.append(slice(max(each, 0), max(min(length + each, length), 0)))
+        out[:, :, to[0], to[1]] = mass[:, :, of[0], of[1]]
+        self._take(jnp.asarray(out))
+        moved_m = rotation(self._lattice.yaw) @ (np.asarray(cells) * self.step_m)
+        self._lattice = replace(self._lattice, centre_m=self._lattice.centre_m + moved_m)
+
+    def _take(self, mass: jax.Array) -> None:
+        """Replace the mass; what is missing is elsewhere."""
+        assert self._state is not None
+        foreign = jnp.maximum(1.0 - jnp.sum(mass), 0.0)
+        self._state = self._state._replace(mass=mass, foreign=foreign.astype(jnp.float32))
+
+    def _to_lattice(self, error_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        assert self._lattice is not None
+        return np.asarray(error_m @ rotation(self._lattice.yaw))
+
+    # Tiles.
+
+    @property
+    def _reach_m(self) -> float:
+        assert self._lattice is not None
+        return float(np.max(np.asarray(self._lattice.shape) // 2 * self.step_m) + np.max(np.hypot(*self._body_m.T)))
+
+    def _find_tile(self, stops: Stops, at: int) -> None:
+        assert self._state is not None
+        assert self._lattice is not None
+        place = stops.reckoned_m[at] + self._lattice.centre_m
+        self._tile = self.ground.tile_holding(self._tile, place, self._reach_m + _TILE_M)
+        if self._tile is None:
+            return
+        yaw = float(self.ground.frame(self._tile)[2])
+        turn = float(np.mod(yaw - self._lattice.yaw + np.pi, 2.0 * np.pi) - np.pi)
+        if abs(turn) > 1e-4:
+            mass = _turned(self._state.mass, jnp.float32(turn), jnp.asarray(self.step_m, jnp.float32))
+            self._state = self._state._replace(mass=mass)
+            self._lattice = replace(self._lattice, yaw=yaw)
+
+    def _end_of_chunk(self, stops: Stops, low: int) -> int:
+        """The first stop that does not share leg, tile and direction with ``low``."""
+        assert self._lattice is not None
+        high = min(low + self._chunk, len(stops.number))
+        same = stops.leg[low:high] == stops.leg[low]
+        away = np.hypot(*(stops.reckoned_m[low:high] - stops.reckoned_m[low]).T)
+        for at in range(low + 1, high):
+            if not same[at - low] or self._direction(stops, at) != self._direction(stops, low):
+                return at
+            if self._tile is None or (away[at - low] > _TILE_M and at % 4 == 0):
+                place = stops.reckoned_m[at] + self._lattice.centre_m
+                if self.ground.tile_holding(self._tile, place, self._reach_m + _TILE_M) != self._tile:
+                    return at
+        return high
+
+    def _direction(self, stops: Stops, at: int) -> int:
+        """Of the live filter along the tile's axis, see ``GroundMap.tile``."""
+        if self._tile is None:
+            return 0
+        moving = np.cos(stops.pose[at, 3] - self.ground.frame(self._tile)[2])
+        moving *= -1.0 if stops.speed_mps[at] < 0.0 else 1.0
+        return int(np.sign(moving)) if abs(moving) > _DIRECT else 0
+
+    @property
+    def _whole(self) -> tuple[int, int]:
+        half = np.ceil((self._half_m + _ROOM_M) / self.step_m).astype(int)
+        return int(half[0]), int(half[1])
+
+    @property
+    def places(self) -> int:
+        """Of the whole lattice."""
+        return (2 * self._whole[0] + 1) * (2 * self._whole[1] + 1)
+
+    def _ground_of(self, tile: int, direction: int, border: tuple[int, int]) -> LatticeGround:
+        key = (tile, direction)
+        if key not in self._tiles:
+            if len(self._tiles) >= 4:
+                self._tiles.pop(next(iter(self._tiles)))
+            made = self.ground.tile(tile, direction)
+            self._tiles[key] = lattice_ground(made, self._components, stride=self._stride, border=border)
+        return self._tiles[key]
+
+    # A chunk.
+
+    def _follow_chunk(self, stops: Stops, low: int, high: int) -> Followed:
+        assert self._state is not None
+        travel_m, leap = self._travel(stops, low, high)
+        chunk, ground, reach = self._heard(stops, low, high, travel_m, leap)
+        self._state, posterior = run(self._state, chunk, ground, self._model(), reach=reach, crop=self.crop)
+        self._last = float(stops.path_m[high - 1]), int(stops.leg[high - 1]), self._raw(stops, high - 1)
+        return self._told(jax.tree.map(lambda field: np.asarray(field)[: high - low], posterior))
+
+    def _heard(
+        self,
+        stops: Stops,
+        low: int,
+        high: int,
+        travel_m: Float[np.ndarray, " stop"],
+        leap: Float[np.ndarray, " stop"],
+    ) -> tuple[Stop, LatticeGround, tuple[int, int]]:
+        """A chunk filled to its size, its ground, and how many places its channels reach."""
+        assert self._lattice is not None
+        lattice, count = self._lattice, high - low
+        at = np.concatenate([np.arange(low, high), np.full(self._chunk - count, high - 1)])
+        forward_m = self._body_m[None, :, 0] + stops.speed_mps[at, None] * self._prepared.array.time_offset_s
+        body_m = np.stack([forward_m, np.broadcast_to(self._body_m[:, 1], forward_m.shape)], axis=-1)
+        most_m = float(np.max(np.hypot(body_m[..., 0], body_m[..., 1])))
+        reach = (_fours(most_m / self.step_m[0]), _fours(most_m / self.step_m[1]))
+        border = (self._whole[0] + reach[0] + _ROOM, self._whole[1] + reach[1] + _ROOM)
+        tile = 0 if self._tile is None else self._tile
+        frame = self.ground.frame(tile)
+        ground = self._ground_of(tile, self._direction(stops, low), border)
+        origin_m = np.asarray(self.ground.tile(tile).origin_m, np.float64)
+        about = (stops.reckoned_m[at] + lattice.centre_m - frame[:2]) @ rotation(frame[2])
+        corner = (about - origin_m) / self.step_m - np.asarray(lattice.shape) // 2 + np.asarray(border)
+        room = np.asarray(ground.power.shape) - np.asarray(lattice.shape) - np.asarray(reach) - 2
+        inside = np.all((corner >= np.asarray(reach)) & (corner < room), axis=1) & (self._tile is not None)
+        above_m = stops.pose[at, 2, None] + self._body_m[None, :, 1] * np.sin(stops.pose[at, 4, None])
+        scales, number = np.unique(lattice.planes.scale, return_inverse=True)
+        coefficients = np.stack(
+            [self._chain.coefficients(stops.filtered[at], stops.valid[at], float(each)) for each in scales]
+        )
+        live = live_components(
+            coefficients,
+            (above_m - self.ground.source.height_reference_m[tile]).astype(np.float32),
+            lattice.planes.height_m.astype(np.float32),
+            number.astype(np.int32),
+            self._components,
+            self.ground.basis.angular_frequency_rad_per_ns,
+        )
+        wander_m2 = travel_m * (_WANDER_M**2 + np.minimum(stops.sigma_yaw_rad[at], 0.1) ** 2)
+        chunk = Stop(
+            live,
+            jnp.asarray(stops.valid[at] & inside[:, None], jnp.float32),
+            jnp.asarray(np.where(inside[:, None], corner, np.asarray(reach)), jnp.float32),
+            jnp.asarray(channel_offsets(body_m, stops.pose[at, 3] - frame[2], self.step_m), jnp.float32),
+            jnp.asarray(travel_m, jnp.float32),
+            jnp.asarray(wander_m2[:, None] / self.step_m**2, jnp.float32),
+            jnp.asarray(leap, jnp.float32),
+            jnp.asarray(np.arange(self._chunk) < count),
+        )
+        return chunk, ground, reach
+
+    def correlations(
+        self, stops: Stops, half: int
+    ) -> tuple[Float[np.ndarray, "stop place"], Float[np.ndarray, "stop place"]]:
+        """Correlation and cover of each stop at places about dead reckoning, ``half`` of them to each side, at the
+        map's own time scale and height.
+        """
+        r, cover = [], []
+        size = (2 * half + 1, 2 * half + 1)
+        one = Alternatives(np.ones(1), np.zeros(1))
+        self._lattice = _Lattice(self._raw(stops, 0), 0.0, size, one, held=True)
+        self._state = begin(1, size, 0.5, 0.0)
+        low = 0
+        while low < len(stops.number):
+            self._find_tile(stops, low)
+            high = self._end_of_chunk(stops, low)
+            chunk, ground, reach = self._heard(stops, low, high, np.zeros(self._chunk), np.zeros(self._chunk))
+            made = surfaces(ground, chunk.live, chunk.valid, chunk.corner, chunk.offset, shape=size, reach=reach)
+            r.append(np.asarray(made.r)[: high - low, 0].reshape(high - low, -1))
+            cover.append(np.asarray(made.cover)[: high - low].reshape(high - low, -1))
+            low = high
+        return np.concatenate(r), np.concatenate(cover)
+
+    def _raw(self, stops: Stops, at: int) -> Float[np.ndarray, "2"]:
+        return np.asarray(stops.pose[at, :2] - stops.reckoned_m[at])
+
+    def _travel(
+        self, stops: Stops, low: int, high: int
+    ) -> tuple[Float[np.ndarray, " stop"], Float[np.ndarray, " stop"]]:
+        """Travel to each stop of a chunk, and the probability that dead reckoning was lost on the way."""
+        before = float(stops.path_m[low]) - self.spacing_m, self._raw(stops, low)
+        if self._last is not None and self._last[1] == stops.leg[low]:
+            before = self._last[0], self._last[2]
+        travel_m, leap = np.zeros(self._chunk), np.zeros(self._chunk)
+        for at in range(low, high):
+            here = self._raw(stops, at)
+            travel_m[at - low] = max(stops.path_m[at] - before[0], 0.0)
+            moved_m = float(np.hypot(*(here - before[1])))
+            if self._steps and moved_m > _LEAP_M + _LEAP_NOISES * float(np.median(self._steps)):
+                leap[at - low] = _LEAP
+            self._steps = [*self._steps[-31:], moved_m]
+            before = float(stops.path_m[at]), here
+        return travel_m, leap
+
+    def _model(self) -> Model:
+        assert self._lattice is not None
+        held = self._lattice.held
+        # From foreign ground mass comes back to the whole region, of which a small lattice is a part.
+        share = float(np.prod(self._lattice.shape)) / float(np.prod([2 * each + 1 for each in self._whole]))
+        lost = _LEAK_LOST * (share if held else 1.0)
+        foreign = _LEAK_FOREIGN + (_LEAK_LOST - lost)
+        known, neighbour = self.likelihood, self._lattice.planes.neighbours
+        return Model(
+            likelihood=Likelihood(*(jnp.float32(field) for field in (known.variance, known.memory, known.tail))),
+            step_m=jnp.asarray(self.step_m, jnp.float32),
+            spacing_m=jnp.float32(self.spacing_m),
+            apart=jnp.float32(_APART * self.wavelength_m / self.step_m[0]),
+            lost=jnp.float32(lost),
+            foreign=jnp.float32(foreign),
+            back=jnp.float32(_LEAK_BACK * min(share, 1.0)),
+            mixing=jnp.float32(_MIXING),
+            neighbour=jnp.asarray(neighbour(self._scale_step[held], self._height_step_m[held])),
+        )
+
+    def _told(self, posterior: Posterior) -> Followed:
+        assert self._lattice is not None
+        lattice = self._lattice
+        half = np.asarray(lattice.shape) // 2
+        turn = rotation(lattice.yaw).T
+        count = len(posterior.p_false)
+        plane = np.asarray(posterior.plane)
+        share = plane / np.maximum(plane.sum(axis=1, keepdims=True), 1e-30)
+        rho = np.asarray(posterior.rho)
+        crop = np.zeros((count, self.crop, self.crop), np.float32)
+        size = posterior.crop.shape[1:]
+        crop[:, : size[0], : size[1]] = posterior.crop
+        same = ("p_false", "foreign", "rim", "r", "cover", "widest", "variance")
+        return Followed(
+            error_m=lattice.centre_m + ((posterior.mode - half) * self.step_m) @ turn,
+            scale=share @ lattice.planes.scale,
+            height_m=share @ lattice.planes.height_m,
+            rho=rho @ np.asarray(RHOS) / np.maximum(rho.sum(axis=1), 1e-30),
+            crop=crop,
+            first_m=lattice.centre_m + ((posterior.crop_at - half) * self.step_m) @ turn,
+            yaw=np.full(count, lattice.yaw),
+            **{name: np.asarray(getattr(posterior, name), np.float64) for name in same},
+        )
+
+
+def _fours(places: float) -> int:
+    """Whole fours of places that hold so many and one more: few shapes are compiled."""
+    return 4 * int(np.ceil((places + 1.0) / 4.0))
+
+
+def astray_of(stops: Stops) -> Float[np.ndarray, "stop 2"]:
+    """Prior minus dead reckoning at each stop: the median over the last metres, to suppress the noise of positions."""
+    apart = stops.pose[:, :2] - stops.reckoned_m
+    first = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
+    first = np.maximum(first, np.searchsorted(stops.leg, stops.leg))
+    return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(first)])
+
+
+@jax.jit
+def _turned(mass: jax.Array, turn: jax.Array, step_m: jax.Array) -> jax.Array:
+    """Mass on a lattice whose axes are turned by an angle, with the same centre and sum."""
+    size = mass.shape[2:]
+    x = (jnp.arange(size[0], dtype=jnp.float32) - size[0] // 2)[:, None] * step_m[0]
+    y = (jnp.arange(size[1], dtype=jnp.float32) - size[1] // 2)[None] * step_m[1]
+    cos, sin = jnp.cos(turn), jnp.sin(turn)
+    at = [(cos * x - sin * y) / step_m[0] + size[0] // 2, (sin * x + cos * y) / step_m[1] + size[1] // 2]
+
+    def one(plane: jax.Array) -> jax.Array:
+        found: jax.Array = jax.scipy.ndimage.map_coordinates(plane, at, order=1, mode="nearest")
+        return found
+
+    moved = jax.vmap(jax.vmap(one))(mass)
+    turned: jax.Array = moved * (jnp.sum(mass) / jnp.maximum(jnp.sum(moved), 1e-30))
+    return turned

@@ -1,0 +1,246 @@
+"""Registration as a Bayes filter over the error of dead reckoning, with one state for "not on this lattice's ground".
+
+    predict     odometry lets the error wander; a little mass leaks to anywhere, to foreign ground, and back
+    weigh       times the evidence of the stop's correlation at every place, against foreign ground
+    normalise
+    report      the mode, and the probability of everything else
+
+A stop is a scan every few centimetres of travel. The state is joint over alternatives (time scale and height), over the
+repeatability of the ground, and over places along and across. ``run`` leads it over a chunk of stops without a word to
+the host; on board a chunk is one stop. Source: Bayes filters on grids (Thrun, Burgard and Fox, 2005, 8.2).
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from lgprjax.registration.bayes.likelihood import RHOS, Likelihood, evidence
+from lgprjax.registration.bayes.score import LatticeGround, Surface, correlate
+from lgprjax.registration.fix import WRONG_M
+
+_SCATTER_M = 2.0
+"""Travel over which the drive's own scatter is averaged."""
+_BESIDE = (7, 7)
+"""Places ahead of the mode, and as many behind, from which a stop's scatter is taken."""
+_LEAST_CELLS = 24.0
+
+
+class FilterState(NamedTuple):
+    """Posterior after a stop.
+
+    Attributes:
+        mass: of each alternative, repeatability and place; with ``foreign`` it sums to one.
+        foreign: of ground that is not the map's, and of all places and alternatives beyond the lattice.
+        variance: of the correlation ahead of the mode and behind it, over the last metres: what the drive itself shows.
+    """
+
+    mass: Float[Array, "plane rho along cross"]
+    foreign: Float[Array, ""]
+    variance: Float[Array, ""]
+
+
+class Stop(NamedTuple):
+    """One stop, or a chunk of them.
+
+    Attributes:
+        live: traces at every alternative, see ``live_components``.
+        valid: 1 for channels that hold data.
+        corner: of the lattice on the ground, see ``correlate``.
+        offset: of the channels.
+        travel_m: since the stop before, never negative.
+        wander: variance that the error gains on the way, along and across, in squared lattice steps.
+        leap: probability that dead reckoning has lost its place: an observed step of positions.
+        there: the stop exists; chunks are filled to their size.
+    """
+
+    live: Float[Array, "*stop plane channel component"]
+    valid: Float[Array, "*stop channel"]
+    corner: Float[Array, "*stop 2"]
+    offset: Float[Array, "*stop channel 2"]
+    travel_m: Float[Array, "*stop"]
+    wander: Float[Array, "*stop 2"]
+    leap: Float[Array, "*stop"]
+    there: Bool[Array, "*stop"]
+
+
+class Model(NamedTuple):
+    """What the filter assumes.
+
+    Attributes:
+        likelihood: of the map and the array.
+        step_m: of the lattice, along and across.
+        spacing_m: travel for which a stop holds the evidence that the likelihood was measured for.
+        apart: places along from the mode at which ground does not resemble that of the mode any more.
+        lost, foreign, back: mass that leaks in a metre to anywhere on the lattice, to foreign ground, and from there.
+        mixing: mass that alternatives exchange with a neighbour in a metre, and repeatabilities.
+        neighbour: of alternatives: 1 for neighbours, else 0.
+    """
+
+    likelihood: Likelihood
+    step_m: Float[Array, "2"]
+    spacing_m: Float[Array, ""]
+    apart: Float[Array, ""]
+    lost: Float[Array, ""]
+    foreign: Float[Array, ""]
+    back: Float[Array, ""]
+    mixing: Float[Array, ""]
+    neighbour: Float[Array, "plane plane"]
+
+
+class Posterior(NamedTuple):
+    """What a stop reports.
+
+    Attributes:
+        mode: place with the largest mass, along and across.
+        p_false: probability of everything farther than 0.3 m from the mode, foreign ground included.
+        foreign: of it, foreign ground and all beyond the lattice.
+        rim: mass in the outermost places of the lattice.
+        plane, rho: mass of the alternatives and of the repeatabilities.
+        r: correlation at the mode, for the alternative with the largest mass.
+        cover: share of the array on the map there; ``widest`` the largest on the lattice.
+        variance: see ``FilterState``.
+        crop: mass of the places about the mode; ``crop_at`` its first one.
+    """
+
+    mode: Int[Array, "*stop 2"]
+    p_false: Float[Array, "*stop"]
+    foreign: Float[Array, "*stop"]
+    rim: Float[Array, "*stop"]
+    plane: Float[Array, "*stop plane"]
+    rho: Float[Array, "*stop rho"]
+    r: Float[Array, "*stop"]
+    cover: Float[Array, "*stop"]
+    widest: Float[Array, "*stop"]
+    variance: Float[Array, "*stop"]
+    crop: Float[Array, "*stop _ _"]
+    crop_at: Int[Array, "*stop 2"]
+
+
+def predict(state: FilterState, stop: Stop, model: Model) -> FilterState:
+    """The state before a stop is heard."""
+    mass, foreign = state.mass, state.foreign
+    for axis, variance in ((2, stop.wander[0]), (3, stop.wander[1])):
+        mass = _diffused(mass, jnp.minimum(0.5 * variance, 0.25), axis)
+    mixing = jnp.minimum(model.mixing * stop.travel_m, 0.1)
+    ways = jnp.sum(model.neighbour, axis=1)
+    mass = mass + mixing * (jnp.einsum("gh,hrij->grij", model.neighbour, mass) - ways[:, None, None, None] * mass)
+    mass = _diffused(mass, mixing, 1)
+    places = mass.shape[2] * mass.shape[3]
+    of_plane = jnp.sum(mass, axis=(2, 3), keepdims=True)
+    leap = jnp.minimum(model.lost * stop.travel_m + stop.leap, 1.0)
+    gone, returned = model.foreign * stop.travel_m, model.back * stop.travel_m * foreign
+    fresh = returned / (mass.shape[0] * mass.shape[1] * places)
+    held = (1.0 - gone) * ((1.0 - leap) * mass + leap * of_plane / places) + fresh
+    return state._replace(mass=held, foreign=foreign - returned + gone * jnp.sum(of_plane))
+
+
+def weigh(state: FilterState, surface: Surface, stop: Stop, model: Model) -> FilterState:
+    """The state times the evidence of a surface, normalised."""
+    known = model.likelihood
+    numbers: Array = 1.0 / (known.memory * jnp.maximum(jnp.asarray(known.variance), state.variance))
+    numbers = numbers * jnp.minimum(stop.travel_m / model.spacing_m, 1.0) * surface.cover
+    rho = jnp.asarray(RHOS, dtype=jnp.float32)[None, :, None, None]
+    ratio = evidence(surface.r[:, None], rho, numbers[None, None])
+    believed = jnp.sum(state.mass * ratio) / jnp.maximum(jnp.sum(state.mass), 1e-30)
+    any_way = known.tail * believed
+    mass = state.mass * ((1.0 - known.tail) * ratio + any_way)
+    foreign = state.foreign * ((1.0 - known.tail) + any_way)
+    whole = jnp.sum(mass) + foreign
+    return state._replace(mass=mass / whole, foreign=foreign / whole)
+
+
+def scatter(state: FilterState, stop: Stop, ground: LatticeGround, model: Model, reach: tuple[int, int]) -> FilterState:
+    """The drive's own scatter, renewed by places ahead of the mode and behind it, for the likeliest alternative."""
+    place = jnp.sum(state.mass, axis=(0, 1))
+    mode = jnp.stack(jnp.unravel_index(jnp.argmax(place), place.shape)).astype(jnp.float32)
+    plane = jnp.argmax(jnp.sum(state.mass, axis=(1, 2, 3)))
+    live = jax.lax.dynamic_slice_in_dim(stop.live, plane, 1, axis=0)
+    square, cells = jnp.float32(0.0), jnp.float32(0.0)
+    half = 0.5 * jnp.asarray(_BESIDE, jnp.float32)
+    for side in (-1.0, 1.0):
+        corner = stop.corner + mode - half + jnp.stack([side * model.apart, jnp.float32(0.0)])
+        surface = correlate(ground, live, stop.valid, corner, stop.offset, _BESIDE, reach)
+        square += jnp.sum(surface.r[0] ** 2 * surface.cover)
+        cells += jnp.sum(surface.cover > 0.0, dtype=jnp.float32)
+    fresh = jnp.where(cells >= _LEAST_CELLS, 1.0 - jnp.exp(-stop.travel_m / _SCATTER_M), 0.0)
+    return state._replace(variance=state.variance + fresh * (square / jnp.maximum(cells, 1.0) - state.variance))
+
+
+def report(state: FilterState, surface: Surface, model: Model, crop: int) -> Posterior:
+    """What the state says."""
+    place = jnp.sum(state.mass, axis=(0, 1))
+    size = place.shape
+    mode = jnp.stack(jnp.unravel_index(jnp.argmax(place), size)).astype(jnp.int32)
+    along, cross = (
+        (jnp.arange(size[axis], dtype=jnp.float32) - mode[axis].astype(jnp.float32)) * model.step_m[axis]
+        for axis in range(2)
+    )
+    away_m2 = along[:, None] ** 2 + cross[None] ** 2
+    far = jnp.sum(jnp.where(away_m2 > WRONG_M**2, place, 0.0))
+    plane, rho = jnp.sum(state.mass, axis=(1, 2, 3)), jnp.sum(state.mass, axis=(0, 2, 3))
+    r = surface.r[jnp.argmax(plane)]
+    shape = (min(crop, size[0]), min(crop, size[1]))
+    first = jnp.clip(mode - jnp.asarray(shape) // 2, 0, jnp.asarray(size) - jnp.asarray(shape))
+    inner = jnp.pad(jnp.zeros((size[0] - 2, size[1] - 2)), 1, constant_values=1.0)
+    return Posterior(
+        mode=mode,
+        p_false=jnp.clip(state.foreign + far, 0.0, 1.0),
+        foreign=state.foreign,
+        rim=jnp.sum(place * inner),
+        plane=plane,
+        rho=rho,
+        r=r[mode[0], mode[1]],
+        cover=surface.cover[mode[0], mode[1]],
+        widest=jnp.max(surface.cover),
+        variance=state.variance,
+        crop=jax.lax.dynamic_slice(place, (first[0], first[1]), shape),
+        crop_at=first,
+    )
+
+
+def step(
+    state: FilterState, stop: Stop, ground: LatticeGround, model: Model, reach: tuple[int, int], crop: int
+) -> tuple[FilterState, Posterior]:
+    """One stop: predict, weigh, normalise, report. A stop that is not there changes nothing."""
+    size = (state.mass.shape[2], state.mass.shape[3])
+    surface = correlate(ground, stop.live, stop.valid, stop.corner, stop.offset, size, reach)
+    after = weigh(predict(state, stop, model), surface, stop, model)
+    posterior = report(after, surface, model, crop)
+    after = scatter(after, stop, ground, model, reach)
+    return jax.tree.map(lambda new, old: jnp.where(stop.there, new, old), after, state), posterior
+
+
+@partial(jax.jit, static_argnames=("reach", "crop"))
+def run(
+    state: FilterState, stops: Stop, ground: LatticeGround, model: Model, *, reach: tuple[int, int], crop: int
+) -> tuple[FilterState, Posterior]:
+    """A chunk of stops over one tile, in order.
+
+    Args:
+        state: before the first of them.
+        stops: with a leading axis.
+        ground: of the tile.
+        model: of the filter.
+        reach: places that a channel may be from the array's centre, along and across.
+        crop: side of ``Posterior.crop``.
+    """
+    return jax.lax.scan(lambda before, stop: step(before, stop, ground, model, reach, crop), state, stops)
+
+
+def begin(planes: int, shape: tuple[int, int], foreign: float, variance: float) -> FilterState:
+    """Nothing known: uniform on the lattice, with a prior mass of foreign ground."""
+    each = (1.0 - foreign) / (planes * len(RHOS) * shape[0] * shape[1])
+    return FilterState(
+        jnp.full((planes, len(RHOS), *shape), each, jnp.float32), jnp.float32(foreign), jnp.float32(variance)
+    )
+
+
+def _diffused(mass: Float[Array, "plane rho along cross"], share: Float[Array, ""], axis: int) -> Array:
+    """A share goes to each neighbour along an axis; at the ends it stays."""
+    first, last = (jax.lax.slice_in_dim(mass, at, at + 1, axis=axis) for at in (0, mass.shape[axis] - 1))
+    before = jnp.concatenate([first, jax.lax.slice_in_dim(mass, 0, mass.shape[axis] - 1, axis=axis)], axis=axis)
+    after = jnp.concatenate([jax.lax.slice_in_dim(mass, 1, mass.shape[axis], axis=axis), last], axis=axis)
+    return mass + share * (before + after - 2.0 * mass)

@@ -1,0 +1,168 @@
+"""A recorded drive through the filter: stops gathered, led from both ends, joined, refined, spread to all scans."""
+
+from collections.abc import Iterable
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lgprjax.frames import body_to_local
+from lgprjax.radar import ArrayGeometry, centre_of
+from lgprjax.registration.bayes.drive import DriveFilter, Followed, astray_of
+from lgprjax.registration.bayes.likelihood import Likelihood
+from lgprjax.registration.bayes.refine import Reach, fixes_of
+from lgprjax.registration.bayes.smooth import LAG, SEGMENT, join, reversed_report
+from lgprjax.registration.fix import Fix, blank_fixes
+from lgprjax.registration.judge import RegisterOptions
+from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Stops, stops_of
+from lgprjax.registration.search import BLOCK_SCANS, DriveFixes, LiveBlock, live_chain
+from lgprjax.registration.template_bank import PreparedGround
+from lgprjax.subsurface import GroundMap
+
+_REFINED_M = 1.0
+"""Of travel, and no less than two wavelengths: stops to a side that refine a fix."""
+
+
+def filter_drive(
+    ground: GroundMap,
+    operators: Operators,
+    array: ArrayGeometry,
+    blocks: Iterable[LiveBlock],
+    options: RegisterOptions,
+    *,
+    likelihood: Likelihood,
+    sigma_scale: float,
+    recorded: int,
+    prepared: PreparedGround,
+) -> DriveFixes:
+    """Fixes of every scan of a drive by the filter: causal, or smoothed by what lies ahead (``options.filter``).
+
+    Args:
+        ground: from ``ground_map_for`` with the same options.
+        operators: of the drive's recording at a time scale, with the map's settings.
+        array: geometry of the drive.
+        blocks: the drive's scans in order.
+        options: of the search.
+        likelihood: of map and array.
+        sigma_scale: factor on the sigmas of matches on this map.
+        recorded: numbers of a trace.
+        prepared: of ground and array.
+    """
+    chain = live_chain(ground, operators, array, recorded)
+    led = DriveFilter(prepared, chain, options, likelihood)
+    scans, stops, chosen = _gathered(chain, led, blocks, array, ground)
+    ahead_m = max(_REFINED_M, 2.0 * led.wavelength_m)
+    smoothed = options.filter == "smoothed"
+    parts: list[tuple[Fix, np.ndarray, np.ndarray]] = []
+    for low in range(0, len(stops.number), SEGMENT):
+        high = min(low + SEGMENT, len(stops.number))
+        own = Stops(*(field[low : min(high + LAG, len(stops.number))] for field in stops))
+        found = led.follow(Stops(*(field[: high - low] for field in own)), astray_of(stops)[low:high])
+        if smoothed:
+            found = _smoothed(found, own, prepared, chain, options, led)
+        here = Stops(*(field[: high - low] for field in own))
+        reach = Reach(ahead_m, ahead_m if smoothed else 0.0)
+        parts.append(fixes_of(here, found, led, prepared, chain, options, sigma_scale, reach))
+    if not parts:
+        return _blank(scans)
+    fix, beside, scale = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
+    return _spread(scans, chosen, fix, beside, scale, array, nearest=smoothed)
+
+
+def _gathered(
+    chain: LiveChain, led: DriveFilter, blocks: Iterable[LiveBlock], array: ArrayGeometry, ground: GroundMap
+) -> tuple[LiveScans, Stops, np.ndarray]:
+    """All scans without their traces, the stops, and numbers of the scans that they are."""
+    parts: list[Stops] = []
+    scans: list[LiveScans] = []
+    next_m: float | None = None
+    for block in blocks:
+        part = chain.feed(block.traces, block.valid, block.track, BLOCK_SCANS)
+        at, next_m = led.choose(part, float(part.path_m[0]) if next_m is None else next_m)
+        if part.background is not None:
+            for earlier in parts:
+                earlier.filtered[:] -= np.where(earlier.valid[..., None], part.background, np.float32(0.0))
+        parts.append(stops_of(part, at, array, ground.basis))
+        scans.append(part._replace(filtered=part.filtered[:0], valid=part.valid[:0], background=None))
+    stops = Stops(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+    track = type(scans[0].track)(*(np.concatenate(f) for f in zip(*(each.track for each in scans), strict=True)))
+    number, path_m, reckoned_m = (
+        np.concatenate([getattr(each, name) for each in scans]) for name in ("number", "path_m", "dead_reckoned_m")
+    )
+    joined = scans[0]._replace(track=track, number=number, path_m=path_m, dead_reckoned_m=reckoned_m)
+    return joined, stops, stops.number
+
+
+def _smoothed(
+    forward: Followed,
+    stops: Stops,
+    prepared: PreparedGround,
+    chain: LiveChain,
+    options: RegisterOptions,
+    led: DriveFilter,
+) -> Followed:
+    """The forward report joined with that of a filter that comes from the other end of these stops."""
+    back = Stops(*(field[::-1] for field in stops))
+    back = back._replace(path_m=back.path_m[:1] - back.path_m, leg=-back.leg)
+    other = DriveFilter(prepared, chain, options, led.likelihood)
+    count = len(forward.p_false)
+    backward = reversed_report(other.follow(back, astray_of(stops)[::-1]))
+    after = min(count + 1, len(stops.number))
+    last = np.zeros(after, bool)
+    last[: after - 1] = stops.leg[: after - 1] != stops.leg[1:after]
+    last[-1] = True
+    padded = Followed(
+        *(
+            np.concatenate([a, b[count:after]])
+            for a, b in zip(forward, Followed(*(f[:after] for f in backward)), strict=True)
+        )
+    )
+    both = join(padded, Followed(*(f[:after] for f in backward)), last, led.step_m, led.places)
+    return Followed(*(field[:count] for field in both))
+
+
+def _blank(scans: LiveScans) -> DriveFixes:
+    count = len(scans.number)
+    nothing = np.full(count, np.nan)
+    return DriveFixes(
+        scans.number, blank_fixes(count), np.full((count, 2, 2), np.nan), np.ones(count), np.zeros(count, bool), nothing
+    )
+
+
+def _spread(
+    scans: LiveScans,
+    stops: np.ndarray,
+    fix: Fix,
+    beside: Float[np.ndarray, "stop 2 2"],
+    scale: Float[np.ndarray, " stop"],
+    array: ArrayGeometry,
+    *,
+    nearest: bool,
+) -> DriveFixes:
+    """Fixes of all scans: those of the stop before each, or of the nearest, carried by odometry and heading."""
+    count, yaw, leg = len(scans.number), scans.track.pose[:, 3], scans.track.leg
+    still = np.zeros(count)
+    place = scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *centre_of(array)), axis=1)
+    owner = np.maximum(np.searchsorted(stops, np.arange(count), side="right") - 1, 0)
+    if nearest:
+        after = np.minimum(owner + 1, len(stops) - 1)
+        path_m = scans.path_m
+        closer = path_m[stops[after]] - path_m < path_m - path_m[stops[owner]]
+        owner = np.where(closer & (leg[stops[after]] == leg), after, owner)
+    apart: Bool[np.ndarray, " scan"] = leg[stops[owner]] != leg
+    if not nearest:
+        apart |= np.arange(count) < stops[0]
+    spread = Fix(*(np.array(field[owner]) for field in fix))
+    for whole, none in zip(spread, blank_fixes(count), strict=True):
+        whole[apart] = none[apart]
+    pose, at = np.array(spread.pose), stops[owner]
+    off = np.mod(pose[:, 3] - yaw[at] + np.pi, 2.0 * np.pi) - np.pi
+    moved = place - place[at]
+    cos, sin = np.cos(off), np.sin(off)
+    pose[:, 0] += cos * moved[:, 0] - sin * moved[:, 1]
+    pose[:, 1] += sin * moved[:, 0] + cos * moved[:, 1]
+    pose[:, 3] += yaw - yaw[at]
+    searched = np.zeros(count, bool)
+    searched[stops] = True
+    nothing = np.full(count, np.nan)
+    return DriveFixes(scans.number, spread._replace(pose=pose), beside[owner], scale[owner], searched, nothing)

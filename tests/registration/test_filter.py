@@ -1,0 +1,320 @@
+"""One step of the Bayes filter against NumPy, what it must and must not conclude, and drives of the canonical site."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from batch.other_days import drive_over, village
+from canon.site import Site
+from lgprjax.batch import RegisteredDrive, register_log
+from lgprjax.batch.register import true_errors
+from lgprjax.formats import DriveLog, MapFile
+from lgprjax.registration import RegisterOptions, Track
+from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run
+from lgprjax.registration.bayes.likelihood import BORROWED, RHOS, Likelihood, measure_likelihood
+from lgprjax.registration.bayes.score import LatticeGround
+from lgprjax.scene import WEATHER
+
+PLANES, CHANNELS, KEPT, SHAPE, REACH = 3, 4, 6, (13, 11), (4, 4)
+STEP_M = np.array([0.08, 0.11])
+NEIGHBOUR = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
+LOST, FOREIGN, BACK, MIXING, SPACING_M = 2e-3, 3e-3, 4e-2, 0.5, 0.1
+VARIANCE, MEMORY, TAIL = 0.02, 2.0, 0.1
+
+
+def model() -> Model:
+    numbers = (SPACING_M, 0.25, LOST, FOREIGN, BACK, MIXING)
+    known = Likelihood(jnp.float32(VARIANCE), jnp.float32(MEMORY), jnp.float32(TAIL))
+    return Model(
+        known,
+        jnp.asarray(STEP_M, jnp.float32),
+        *(jnp.float32(number) for number in numbers),
+        jnp.asarray(NEIGHBOUR, jnp.float32),
+    )
+
+
+def some_ground(seed: int) -> LatticeGround:
+    """Random components, smooth over a few places, with a hole."""
+    rng = np.random.default_rng(seed)
+    value = rng.normal(size=(KEPT, 40, 36))
+    for axis in (1, 2):
+        value = value + np.roll(value, 1, axis) + 0.5 * np.roll(value, 2, axis)
+    known = np.ones((40, 36))
+    known[:, 27:] = 0.0
+    value = value * known
+    return LatticeGround(*(jnp.asarray(field, jnp.float32) for field in (value, np.sum(value**2, axis=0), known)))
+
+
+def a_stop(ground: LatticeGround, seed: int, place: tuple[float, float] | None, travel_m: float = 0.1) -> Stop:
+    """Traces as the ground has them with its array's centre at a place (of no ground with None)."""
+    rng = np.random.default_rng(seed)
+    offset = np.stack([rng.uniform(-0.4, 0.4, CHANNELS), 2.2 * (1.5 - np.arange(CHANNELS))], axis=-1)
+    live = rng.normal(size=(PLANES, CHANNELS, KEPT))
+    if place is not None:
+        true = np.stack([between(np.asarray(ground.value, float), *(np.array(place) + o)) for o in offset])
+        live[1] = true + 0.7 * np.std(true) * rng.normal(size=true.shape)
+    return Stop(
+        jnp.asarray(live, jnp.float32),
+        jnp.asarray([1.0, 1.0, 0.0, 1.0], jnp.float32),
+        jnp.asarray([9.3, 8.8], jnp.float32),
+        jnp.asarray(offset, jnp.float32),
+        jnp.float32(travel_m),
+        jnp.asarray([0.03, 0.02], jnp.float32),
+        jnp.float32(0.01),
+        jnp.asarray(True),
+    )
+
+
+def between(field: np.ndarray, along: float, cross: float) -> np.ndarray:
+    """Bilinear, of the last two axes."""
+    i, j = int(np.floor(along)), int(np.floor(cross))
+    u, v = along - i, cross - j
+    near = (1 - u) * ((1 - v) * field[..., i, j] + v * field[..., i, j + 1])
+    return np.asarray(near + u * ((1 - v) * field[..., i + 1, j] + v * field[..., i + 1, j + 1]))
+
+
+def expected(state: FilterState, stop: Stop, ground: LatticeGround) -> tuple[np.ndarray, float, float]:
+    """Mass, foreign and p_false after one step, place by place in double precision."""
+    mass, foreign = np.asarray(state.mass, float), float(state.foreign)
+    travel_m, valid = float(stop.travel_m), np.asarray(stop.valid, float)
+    for axis, variance in ((2, float(stop.wander[0])), (3, float(stop.wander[1]))):
+        before = mass.copy()
+        size = mass.shape[axis]
+        for at in range(size):
+            for to in (at - 1, at + 1):
+                inside = to if 0 <= to < size else at
+                moved = 0.5 * variance * np.take(before, at, axis)
+                index = [slice(None)] * 4
+                index[axis] = inside
+                mass[tuple(index)] += moved
+                index[axis] = at
+                mass[tuple(index)] -= moved
+    mixing = min(MIXING * travel_m, 0.1)
+    before = mass.copy()
+    for one, other in np.argwhere(NEIGHBOUR > 0):
+        mass[one] += mixing * before[other]
+        mass[other] -= mixing * before[other]
+    before = mass.copy()
+    for one in range(len(RHOS)):
+        for other in (one - 1, one + 1):
+            if 0 <= other < len(RHOS):
+                mass[:, other] += mixing * before[:, one]
+                mass[:, one] -= mixing * before[:, one]
+    leap = LOST * travel_m + float(stop.leap)
+    places = SHAPE[0] * SHAPE[1]
+    total = mass.sum()
+    spread = mass.sum(axis=(2, 3), keepdims=True) / places
+    returned = BACK * travel_m * foreign
+    mass = (1 - FOREIGN * travel_m) * ((1 - leap) * mass + leap * spread) + returned / mass.size
+    foreign = foreign - returned + FOREIGN * travel_m * total
+    value, known = np.asarray(ground.value, float), np.asarray(ground.known, float)
+    live, offset = np.asarray(stop.live, float), np.asarray(stop.offset, float)
+    loud = (live**2).sum(axis=2)
+    share = (loud * valid).mean(axis=0) / (loud * valid).mean(axis=0).sum()
+    ratio = np.ones_like(mass)
+    for i, j in np.ndindex(*SHAPE):
+        place = np.asarray(stop.corner, float) + (i, j)
+        on = np.array([v * (between(known, *(place + o)) > 0.999) for v, o in zip(valid, offset, strict=True)])
+        cover = on.sum() / valid.sum()
+        if cover < 0.3:
+            continue
+        under = np.stack([between(value, *(place + o)) for o in offset])
+        # The map's power between places is the mean of theirs.
+        below = sum(o * between((value**2).sum(axis=0), *(place + at)) for o, at in zip(on, offset, strict=True))
+        for plane in range(PLANES):
+            heard = (loud[plane] * valid).sum() * (share * on).sum()
+            r = float((live[plane] * under * on[:, None]).sum() / np.sqrt(below * heard))
+            numbers = cover * min(travel_m / SPACING_M, 1.0) / (MEMORY * max(VARIANCE, float(state.variance)))
+            for k, rho in enumerate(RHOS):
+                ratio[plane, k, i, j] = (1 - rho**2) ** (numbers / 2) / (1 - rho * min(r, 0.98)) ** numbers
+    believed = (mass * ratio).sum() / mass.sum()
+    mass = mass * ((1 - TAIL) * ratio + TAIL * believed)
+    foreign = foreign * (1 - TAIL + TAIL * believed)
+    whole = mass.sum() + foreign
+    mass, foreign = mass / whole, foreign / whole
+    there = mass.sum(axis=(0, 1))
+    mode = np.array(np.unravel_index(np.argmax(there), SHAPE))
+    away = np.hypot(
+        *np.meshgrid(*((np.arange(n) - m) * s for n, m, s in zip(SHAPE, mode, STEP_M, strict=True)), indexing="ij")
+    )
+    return mass, foreign, foreign + there[away > 0.3].sum()
+
+
+def led(state: FilterState, stops: list[Stop], ground: LatticeGround) -> tuple[FilterState, Posterior]:
+    together = jax.tree.map(lambda *fields: jnp.stack(fields), *stops)
+    after: tuple[FilterState, Posterior] = run(state, together, ground, model(), reach=REACH, crop=5)
+    return after
+
+
+@pytest.mark.parametrize("place", [None, (14.6, 13.2)])
+def test_a_step_is_as_numpy_says(place: tuple[float, float] | None) -> None:
+    """Twice, so that the second begins with a mass of any shape."""
+    ground = some_ground(1)
+    state = begin(PLANES, SHAPE, 0.5, VARIANCE)
+    for seed in (2, 3):
+        stop = a_stop(ground, seed, place)
+        mass, foreign, p_false = expected(state, stop, ground)
+        state, posterior = led(state, [stop], ground)
+        np.testing.assert_allclose(np.asarray(state.mass), mass, rtol=3e-3, atol=1e-8)
+        assert float(state.foreign) == pytest.approx(foreign, rel=3e-3)
+        assert float(posterior.p_false[0]) == pytest.approx(p_false, rel=3e-3)
+
+
+def test_stops_find_their_place_and_foreign_ones_do_not() -> None:
+    ground = some_ground(4)
+    _, posterior = led(
+        begin(PLANES, SHAPE, 0.5, VARIANCE), [a_stop(ground, s, (15.3, 13.8)) for s in range(12)], ground
+    )
+    assert np.asarray(posterior.mode[-1]).tolist() == [6, 5]
+    assert int(jnp.argmax(posterior.plane[-1])) == 1
+    foreign = led(begin(PLANES, SHAPE, 0.5, VARIANCE), [a_stop(ground, s, None) for s in range(12)], ground)[1]
+    assert float(foreign.p_false.min()) > 0.1
+    assert float(posterior.p_false[-1]) < 0.05 < float(foreign.p_false[-1])
+
+
+def test_mass_is_whole_and_standstill_adds_nothing() -> None:
+    """Nor do stops that only fill a chunk."""
+    ground = some_ground(5)
+    before, _ = led(begin(PLANES, SHAPE, 0.5, VARIANCE), [a_stop(ground, 1, (15.3, 13.8))], ground)
+    assert float(before.mass.sum() + before.foreign) == pytest.approx(1.0, abs=1e-5)
+    still = a_stop(ground, 1, (15.3, 13.8), travel_m=0.0)._replace(wander=jnp.zeros(2), leap=jnp.float32(0.0))
+    for stop in (still, a_stop(ground, 2, None)._replace(there=jnp.asarray(False))):
+        after, _ = led(before, [stop] * 20, ground)
+        np.testing.assert_allclose(np.asarray(after.mass), np.asarray(before.mass), rtol=1e-4, atol=1e-10)
+
+
+def test_alone_and_in_chunks_stops_are_the_same() -> None:
+    ground = some_ground(6)
+    stops = [a_stop(ground, seed, (15.3, 13.8)) for seed in range(8)]
+    together, posterior = led(begin(PLANES, SHAPE, 0.5, VARIANCE), stops, ground)
+    state, p_false = begin(PLANES, SHAPE, 0.5, VARIANCE), []
+    for stop in stops:
+        state, one = led(state, [stop], ground)
+        p_false.append(float(one.p_false[0]))
+    np.testing.assert_allclose(np.asarray(state.mass), np.asarray(together.mass), rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(p_false, np.asarray(posterior.p_false), rtol=1e-4)
+
+
+def test_gaussian_ground_has_a_short_tail_and_ground_with_stones_a_longer_one() -> None:
+    rng = np.random.default_rng(7)
+    gaussian = [0.1 * rng.normal(size=(32, 60)) for _ in range(40)]
+    known = measure_likelihood(gaussian)
+    assert float(known.variance) == pytest.approx(0.01, rel=0.05)
+    assert float(known.memory) == pytest.approx(1.0, abs=0.15)
+    stones = [np.where(rng.uniform(size=each.shape) < 0.02, 0.8, each) for each in gaussian]
+    assert measure_likelihood(stones).tail > known.tail
+    few = measure_likelihood(gaussian[:5])
+    assert few.stretches == 0
+    assert few.variance > known.variance
+    assert measure_likelihood([]) == BORROWED
+
+
+# Drives of the canonical site.
+
+
+def registered(site: Site, log: Path, causal: bool = False, **changes: object) -> RegisteredDrive:
+    options = replace(RegisterOptions(search_m=1.5, filter="causal" if causal else "smoothed"), **changes)
+    with MapFile.open(site.map) as source, DriveLog.open(log) as drive:
+        return register_log(source, drive, options)
+
+
+def judged(drive: RegisteredDrive) -> tuple[np.ndarray, np.ndarray]:
+    """Which scans are ok, and how far off those are."""
+    ok = drive.table["code"].to_numpy() == "ok"
+    return ok, np.hypot(*true_errors(drive)[ok].T)
+
+
+@pytest.mark.parametrize("causal", [True, False])
+def test_a_clear_day_is_located(site: Site, causal: bool) -> None:
+    drive = registered(site, site.logs["live"], causal)
+    ok, off_m = judged(drive)
+    travel_m = np.abs(drive.track.travel_m - drive.track.travel_m[0])
+    assert ok[travel_m > 4.0].mean() >= 0.98
+    assert off_m.max() < 0.1
+    if not causal:
+        assert ok.mean() >= 0.98
+        assert np.sqrt(np.mean(true_errors(drive)[ok] ** 2, axis=0)).max() < 0.04
+
+
+def test_a_long_drive_is_joined_in_segments(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each with some of the stops that follow it."""
+    whole = registered(site, site.logs["live"])
+    monkeypatch.setattr("lgprjax.registration.bayes.register.SEGMENT", 90)
+    monkeypatch.setattr("lgprjax.registration.bayes.register.LAG", 40)
+    parts = registered(site, site.logs["live"])
+    np.testing.assert_array_equal(parts.table["code"] == "ok", whole.table["code"] == "ok")
+    both = np.asarray(parts.table["code"] == "ok")
+    apart = np.asarray(parts.fix.pose)[both, :2] - np.asarray(whole.fix.pose)[both, :2]
+    assert np.quantile(np.hypot(*apart.T), 0.9) < 0.01
+
+
+@pytest.mark.parametrize("day", ["snow", "rain"])
+def test_snow_and_rain_are_located(site: Site, day: str, tmp_path: Path) -> None:
+    drive = registered(site, drive_over(village(), tmp_path / f"{day}.drive.h5", WEATHER[day](7)))
+    ok, off_m = judged(drive)
+    assert ok.mean() >= 0.95
+    assert off_m.max() < 0.15
+
+
+def test_other_ground_is_refused(site: Site) -> None:
+    """On the way, and with what lies ahead."""
+    for causal in (True, False):
+        drive = registered(site, site.logs["impostor"], causal)
+        assert not (drive.table["code"] == "ok").any()
+        assert float(drive.table["p_false"].min()) > 1e-2
+
+
+@pytest.mark.parametrize("chords", [False, True], ids=["odometer", "positions"])
+def test_no_fix_is_wrong_where_positions_jump(site: Site, chords: bool) -> None:
+    """By 1.5 m over 8 m; travel from the odometer, or as the length of the line through the positions."""
+
+    def led_to(track: Track) -> Track:
+        pose, travel_m = track.pose.copy(), track.travel_m
+        jumped = np.abs(np.abs(travel_m - travel_m[0]) - 12.0) < 4.0
+        pose[jumped, :2] += 1.5
+        if chords:
+            # What is left of a jump once travel has been mended: some decimetres, at both ends.
+            travel_m = travel_m + 0.3 * np.cumsum(np.diff(jumped.astype(float), prepend=0.0) != 0.0)
+        return track._replace(pose=pose, travel_m=travel_m)
+
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
+        for causal in ("causal", "smoothed"):
+            drive = register_log(source, log, RegisterOptions(filter=causal), led_to=led_to)
+            ok, off_m = judged(drive)
+            assert off_m.max() < 0.3
+            assert ok.mean() > 0.8
+
+
+def test_beside_the_map_fixes_are_not_drawn_onto_it(site: Site, tmp_path: Path) -> None:
+    """Half of the array beyond the outermost line; and where the way back leaves the map."""
+    drives = [
+        registered(site, drive_over(village(), tmp_path / "beside.drive.h5", WEATHER["clear"](11), lane_m=1.0)),
+        registered(site, drive_over(village(), tmp_path / "back.drive.h5", WEATHER["clear"](7), direction=-1)),
+    ]
+    for drive in drives:
+        ok, off_m = judged(drive)
+        assert ok.mean() > 0.5
+        assert off_m.max() < 0.15
+
+
+def test_few_channels_are_located(site: Site, tmp_path: Path) -> None:
+    """Two of the array's, the rest silent: fewer independent numbers, and more travel."""
+    import h5py
+
+    path = tmp_path / "two.drive.h5"
+    path.write_bytes(site.logs["live"].read_bytes())
+    with h5py.File(path, "r+") as store:
+        traces = store["radar/traces"]
+        kept = [traces.shape[1] // 2 - 1, traces.shape[1] // 2 + 1]
+        silent = [channel for channel in range(traces.shape[1]) if channel not in kept]
+        whole = traces[:]
+        whole[:, silent] = 0
+        traces[:] = whole
+    drive = registered(site, path)
+    ok, off_m = judged(drive)
+    assert ok.mean() > 0.5
+    assert off_m.max() < 0.3
