@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from batch.other_days import drive_over, repeating_site, village
 from batch.test_drive_alignment import altered, register
 from canon.site import Site, register_site
 from lgprjax.batch import RegisteredDrive
@@ -13,7 +14,6 @@ from lgprjax.batch.register import true_errors
 from lgprjax.formats import MapFile
 from lgprjax.registration import Code
 from lgprjax.scene import WEATHER
-from validation.drives.other_days import drive_over, repeating_site, village
 
 WINDOW_M = 4.0
 """The first metres, after which a fix is asked for on every day."""
