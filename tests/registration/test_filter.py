@@ -1,6 +1,5 @@
 """One step of the Bayes filter against NumPy, what it must and must not conclude, and drives of the canonical site."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -216,8 +215,8 @@ def test_gaussian_ground_has_a_short_tail_and_ground_with_stones_a_longer_one() 
 # Drives of the canonical site.
 
 
-def registered(site: Site, log: Path, causal: bool = False, **changes: object) -> RegisteredDrive:
-    options = replace(RegisterOptions(search_m=1.5, filter="causal" if causal else "smoothed"), **changes)
+def registered(site: Site, log: Path, causal: bool = False) -> RegisteredDrive:
+    options = RegisterOptions(search_m=1.5, filter="causal" if causal else "smoothed")
     with MapFile.open(site.map) as source, DriveLog.open(log) as drive:
         return register_log(source, drive, options)
 
@@ -282,8 +281,8 @@ def test_no_fix_is_wrong_where_positions_jump(site: Site, chords: bool) -> None:
         return track._replace(pose=pose, travel_m=travel_m)
 
     with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
-        for causal in ("causal", "smoothed"):
-            drive = register_log(source, log, RegisterOptions(filter=causal), led_to=led_to)
+        for options in (RegisterOptions(filter="causal"), RegisterOptions(filter="smoothed")):
+            drive = register_log(source, log, options, led_to=led_to)
             ok, off_m = judged(drive)
             assert off_m.max() < 0.3
             assert ok.mean() > 0.8
