@@ -111,7 +111,7 @@ class Register:
             swarm=FINISH_SWARM if self.finish == "swarm" else None,
             search_swarm=SEARCH_SWARM if self.search == "swarm" else None,
             track=self.track,
-            filter={"filter": "smoothed", "causal": "causal"}.get(self.search),
+            filter="smoothed" if self.search == "filter" else "causal" if self.search == "causal" else None,
         )
         if self.track:
             options = _options_of_run(self.drives, options)

@@ -1,6 +1,7 @@
 """One step of the Bayes filter against NumPy, what it must and must not conclude, and drives of the canonical site."""
 
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,13 +27,17 @@ VARIANCE, MEMORY, TAIL = 0.02, 2.0, 0.1
 
 
 def model() -> Model:
-    numbers = (SPACING_M, 0.25, LOST, FOREIGN, BACK, MIXING)
-    known = Likelihood(jnp.float32(VARIANCE), jnp.float32(MEMORY), jnp.float32(TAIL))
+    one = jnp.float32
     return Model(
-        known,
-        jnp.asarray(STEP_M, jnp.float32),
-        *(jnp.float32(number) for number in numbers),
-        jnp.asarray(NEIGHBOUR, jnp.float32),
+        likelihood=Likelihood(one(VARIANCE), one(MEMORY), one(TAIL)),
+        step_m=jnp.asarray(STEP_M, jnp.float32),
+        spacing_m=one(SPACING_M),
+        apart=one(0.25),
+        lost=one(LOST),
+        foreign=one(FOREIGN),
+        back=one(BACK),
+        mixing=one(MIXING),
+        neighbour=jnp.asarray(NEIGHBOUR, jnp.float32),
     )
 
 
@@ -87,7 +92,7 @@ def expected(state: FilterState, stop: Stop, ground: LatticeGround) -> tuple[np.
             for to in (at - 1, at + 1):
                 inside = to if 0 <= to < size else at
                 moved = 0.5 * variance * np.take(before, at, axis)
-                index = [slice(None)] * 4
+                index: list[Any] = [slice(None)] * 4
                 index[axis] = inside
                 mass[tuple(index)] += moved
                 index[axis] = at

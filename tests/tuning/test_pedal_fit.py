@@ -62,8 +62,9 @@ def test_another_vehicle_is_found_from_another_start() -> None:
 def test_friction_holds_the_brake_over_a_standstill() -> None:
     """A brake that has been let up from 1 to 0.5 at rest acts more than its command says until it is released."""
     told = step_pedals([0.3, 0.45, 0.6, 0.35, 0.5], [0.35, 0.5, 0.65, 0.4, 0.55])
-    pressed = np.flatnonzero(np.diff((told.brake == 1.0).astype(int)) == 1) + 1
-    brake = told.brake.copy()
+    assert told.brake is not None
+    brake = np.array(told.brake)
+    pressed = np.flatnonzero(np.diff(np.asarray(brake == 1.0, dtype=int)) == 1) + 1
     for at in pressed:
         brake[at + 100 : at + 800] = 0.5
     told = told._replace(brake=brake)
