@@ -101,6 +101,15 @@ class Register:
         require_files(self.drives, "drives")
         if self.thresholds is not None and self.window_m is None:
             raise UsageError("--thresholds: needs --window-m as well, the window length of the calibration")
+        beside = {
+            "--window-m": self.window_m is not None,
+            "--thresholds": self.thresholds is not None,
+            "--finish swarm": self.finish == "swarm",
+            "--track": self.track,
+        }
+        if self.search in ("filter", "causal") and any(beside.values()):
+            found = ", ".join(option for option, given in beside.items() if given)
+            raise UsageError(f"--search {self.search}: expected no {', '.join(beside)} with it, found {found}")
         own = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m or 0.0)
         options = RegisterOptions(
             search_m=self.search_m,

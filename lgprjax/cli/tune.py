@@ -140,8 +140,10 @@ class TuneCompare:
         from lgprjax.studies.fleet import compare_fleet, table_of_fleet
 
         require_files(self.vehicles, "vehicles")
-        if len(self.vehicles) < 2:
-            raise UsageError("VEHICLE.toml: expected at least two vehicle files, found 1")
+        different = len({path.resolve() for path in self.vehicles})
+        if different < len(self.vehicles) or different < 2:
+            given = ", ".join(map(str, self.vehicles))
+            raise UsageError(f"VEHICLE.toml: expected at least two vehicle files, each once, found {given}")
         fleet = compare_fleet({path: read_vehicle(path) for path in self.vehicles})
         if self.output.exists() and not self.output.is_dir():
             raise InputError(self.output, "output", "a folder", "a file")

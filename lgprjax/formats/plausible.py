@@ -262,7 +262,8 @@ def date_by_majority(day_s: Float[np.ndarray, " record"], day: Sequence[int | No
     for a, b, base in zip(first, stop, chosen, strict=True):
         assert base is not None
         time_s[a:b] = clock_s[a:b] + _DAY_S * base
-        other.update(day[i] for i in range(a, b) if zero[i] is not None and zero[i] != base)  # type: ignore[misc]
+        dated = zip(day[a:b], zero[a:b], strict=True)
+        other.update(told for told, at in dated if told is not None and at is not None and at != base)
     return DatedClock(time_s, dict(other))
 
 

@@ -92,5 +92,7 @@ def test_the_command_writes_a_table_and_two_pictures(tmp_path: Path) -> None:
     before = (out / "fleet.csv").read_bytes()
     run("tune", "compare", *paths, "-o", out).refusal.check("output", "--force", file=out / "fleet.csv")
     run("tune", "compare", paths[0], tmp_path / "none.vehicle.toml", "-o", out).refusal.check("file")
-    assert run("tune", "compare", paths[0], "-o", out).status == 2
+    for given in (paths[:1], [paths[0], paths[0]], [paths[0], paths[0].parent / "." / ".." / "march" / paths[0].name]):
+        done = run("tune", "compare", *given, "-o", out)
+        assert (done.status, done.about) == (2, "VEHICLE.toml")
     assert (out / "fleet.csv").read_bytes() == before
