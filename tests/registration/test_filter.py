@@ -14,16 +14,16 @@ from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.register import true_errors
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import RegisterOptions, Track
-from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run
+from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run, weigh
 from lgprjax.registration.bayes.likelihood import BORROWED, RHOS, Likelihood, measure_likelihood
-from lgprjax.registration.bayes.score import LatticeGround
+from lgprjax.registration.bayes.score import LatticeGround, Surface
 from lgprjax.scene import WEATHER
 
 PLANES, CHANNELS, KEPT, SHAPE, REACH = 3, 4, 6, (13, 11), (4, 4)
 STEP_M = np.array([0.08, 0.11])
 NEIGHBOUR = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
 LOST, FOREIGN, BACK, MIXING, SPACING_M = 2e-3, 3e-3, 4e-2, 0.5, 0.1
-VARIANCE, MEMORY, TAIL = 0.02, 2.0, 0.1
+VARIANCE, MEMORY, TAIL, WAVELENGTH_M = 0.02, 2.0, 0.1, 0.4
 
 
 def model() -> Model:
@@ -31,6 +31,7 @@ def model() -> Model:
     return Model(
         likelihood=Likelihood(one(VARIANCE), one(MEMORY), one(TAIL)),
         step_m=jnp.asarray(STEP_M, jnp.float32),
+        wavelength_m=one(WAVELENGTH_M),
         spacing_m=one(SPACING_M),
         apart=one(0.25),
         lost=one(LOST),
@@ -203,9 +204,43 @@ def test_alone_and_in_chunks_stops_are_the_same() -> None:
     np.testing.assert_allclose(p_false, np.asarray(posterior.p_false), rtol=1e-4)
 
 
+def test_a_drive_whose_ground_resembles_all_ground_is_believed_less() -> None:
+    """By the places far from the mode, whose correlations are large, and stay from stop to stop."""
+    rng, size = np.random.default_rng(8), (31, 29)
+    stop = a_stop(some_ground(1), 1, None)
+    ground = rng.normal(size=size)
+    state = begin(1, size, 0.5, VARIANCE)
+    summed, alone = np.zeros(size), 0.0
+    for number in range(6):
+        r = np.clip(0.25 * (0.8 * ground + 0.6 * rng.normal(size=size)), -0.7, 0.7)
+        r[15, 14] = 0.8
+        mass, foreign = np.asarray(state.mass, float), float(state.foreign)
+        at = np.unravel_index(np.argmax(mass.sum(axis=(0, 1))), size)
+        away_m = np.hypot(
+            *np.meshgrid(*((np.arange(n) - a) * s for n, a, s in zip(size, at, STEP_M, strict=True)), indexing="ij")
+        )
+        far = away_m > WAVELENGTH_M
+        summed, alone = 0.9375 * summed + r, 0.9375**2 * alone + np.mean(r[far] ** 2)
+        memory = np.mean(summed[far] ** 2) / alone
+        variance = np.mean(r[far] ** 2)
+        assert variance > 2.0 * VARIANCE
+        if number:
+            assert memory > 1.3
+        numbers = 1.0 / (max(variance, VARIANCE) * max(memory, MEMORY))
+        ratio = np.stack([(1 - q**2) ** (numbers / 2) / (1 - q * np.minimum(r, 0.98)) ** numbers for q in RHOS])[None]
+        believed = (mass * ratio).sum() / mass.sum()
+        mass = mass * ((1 - TAIL) * ratio + TAIL * believed)
+        foreign = foreign * (1 - TAIL + TAIL * believed)
+        surface = Surface(jnp.asarray(r[None], jnp.float32), jnp.ones(size, jnp.float32))
+        state = weigh(state, surface, stop, model())
+        assert float(state.foreign) == pytest.approx(foreign / (mass.sum() + foreign), rel=1e-3)
+        np.testing.assert_allclose(np.asarray(state.mass), mass / (mass.sum() + foreign), rtol=5e-3, atol=1e-9)
+    assert memory > MEMORY
+
+
 def test_gaussian_ground_has_a_short_tail_and_ground_with_stones_a_longer_one() -> None:
     rng = np.random.default_rng(7)
-    gaussian = [0.1 * rng.normal(size=(32, 60)) for _ in range(40)]
+    gaussian = [0.1 * rng.normal(size=(32, 60)) for _ in range(160)]
     known = measure_likelihood(gaussian)
     assert float(known.variance) == pytest.approx(0.01, rel=0.05)
     assert float(known.memory) == pytest.approx(1.0, abs=0.15)

@@ -286,7 +286,10 @@ class DriveFilter:
         """Replace the mass; what is missing is elsewhere."""
         assert self._state is not None
         foreign = jnp.maximum(1.0 - jnp.sum(mass), 0.0)
-        self._state = self._state._replace(mass=mass, foreign=foreign.astype(jnp.float32))
+        summed = jnp.zeros(mass.shape[2:], jnp.float32)
+        self._state = self._state._replace(
+            mass=mass, foreign=foreign.astype(jnp.float32), summed=summed, alone=jnp.float32(0.0)
+        )
 
     def _to_lattice(self, error_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         assert self._lattice is not None
@@ -470,6 +473,7 @@ class DriveFilter:
         return Model(
             likelihood=Likelihood(*(jnp.float32(field) for field in (known.variance, known.memory, known.tail))),
             step_m=jnp.asarray(self.step_m, jnp.float32),
+            wavelength_m=jnp.float32(self.wavelength_m),
             spacing_m=jnp.float32(self.spacing_m),
             apart=jnp.float32(_APART * self.wavelength_m / self.step_m[0]),
             lost=jnp.float32(lost),

@@ -26,6 +26,10 @@ _SCATTER_M = 2.0
 _BESIDE = (7, 7)
 """Places ahead of the mode, and as many behind, from which a stop's scatter is taken."""
 _LEAST_CELLS = 24.0
+_LEAST_FAR = 200.0
+"""Places that tell of foreign ground: those of a lattice over the whole region."""
+_KEPT = 15.0 / 16.0
+"""Of a sum of correlations, from stop to stop."""
 
 
 class FilterState(NamedTuple):
@@ -34,12 +38,16 @@ class FilterState(NamedTuple):
     Attributes:
         mass: of each alternative, repeatability and place; with ``foreign`` it sums to one.
         foreign: of ground that is not the map's, and of all places and alternatives beyond the lattice.
-        variance: of the correlation ahead of the mode and behind it, over the last metres: what the drive itself shows.
+        variance: of the correlation ahead of the mode and behind it, over the last metres.
+        summed: correlation at each place, summed over the last stops.
+        alone: mean square of such a sum if stops were independent.
     """
 
     mass: Float[Array, "plane rho along cross"]
     foreign: Float[Array, ""]
     variance: Float[Array, ""]
+    summed: Float[Array, "along cross"]
+    alone: Float[Array, ""]
 
 
 class Stop(NamedTuple):
@@ -72,6 +80,7 @@ class Model(NamedTuple):
     Attributes:
         likelihood: of the map and the array.
         step_m: of the lattice, along and across.
+        wavelength_m: within which ground resembles itself.
         spacing_m: travel for which a stop holds the evidence that the likelihood was measured for.
         apart: places along from the mode at which ground does not resemble that of the mode any more.
         lost, foreign, back: mass that leaks in a metre to anywhere on the lattice, to foreign ground, and from there.
@@ -81,6 +90,7 @@ class Model(NamedTuple):
 
     likelihood: Likelihood
     step_m: Float[Array, "2"]
+    wavelength_m: Float[Array, ""]
     spacing_m: Float[Array, ""]
     apart: Float[Array, ""]
     lost: Float[Array, ""]
@@ -137,10 +147,39 @@ def predict(state: FilterState, stop: Stop, model: Model) -> FilterState:
     return state._replace(mass=held, foreign=foreign - returned + gone * jnp.sum(of_plane))
 
 
+def shown(
+    state: FilterState, surface: Surface, stop: Stop, model: Model
+) -> tuple[FilterState, Float[Array, ""], Float[Array, ""]]:
+    """What places more than a wavelength from the mode show: their sums over stops; scatter, and memory, of foreign
+    ground, which are 0 where the lattice is not so wide.
+    """
+    place = jnp.sum(state.mass, axis=(0, 1))
+    mode = jnp.unravel_index(jnp.argmax(place), place.shape)
+    along, cross = (
+        (jnp.arange(place.shape[axis]) - mode[axis]).astype(jnp.float32) * model.step_m[axis] for axis in range(2)
+    )
+    far = (along[:, None] ** 2 + cross[None] ** 2 > model.wavelength_m**2) & (surface.cover > 0.0)
+    cells = jnp.sum(far, dtype=jnp.float32)
+
+    def mean(square: Float[Array, "along cross"]) -> Float[Array, ""]:
+        return jnp.sum(jnp.where(far, square, 0.0)) / jnp.maximum(cells, 1.0)
+
+    share = jnp.minimum(stop.travel_m / model.spacing_m, 1.0)
+    kept, fresh = _KEPT**share, share * surface.r[len(surface.r) // 2]
+    summed = kept * state.summed + fresh
+    alone = kept**2 * state.alone + mean(fresh**2)
+    wide = cells >= _LEAST_FAR
+    memory = jnp.where(wide & (alone > 0.0), mean(summed**2) / jnp.maximum(alone, 1e-12), 0.0)
+    scatter = jnp.where(wide, mean(jnp.mean(surface.r**2, axis=0)), 0.0)
+    return state._replace(summed=summed, alone=alone), scatter, memory
+
+
 def weigh(state: FilterState, surface: Surface, stop: Stop, model: Model) -> FilterState:
     """The state times the evidence of a surface, normalised."""
     known = model.likelihood
-    numbers: Array = 1.0 / (known.memory * jnp.maximum(jnp.asarray(known.variance), state.variance))
+    state, variance, memory = shown(state, surface, stop, model)
+    variance = jnp.maximum(variance, jnp.maximum(known.variance, state.variance))
+    numbers: Array = 1.0 / (variance * jnp.maximum(memory, known.memory))
     numbers = numbers * jnp.minimum(stop.travel_m / model.spacing_m, 1.0) * surface.cover
     rho = jnp.asarray(RHOS, dtype=jnp.float32)[None, :, None, None]
     ratio = evidence(surface.r[:, None], rho, numbers[None, None])
@@ -234,7 +273,11 @@ def begin(planes: int, shape: tuple[int, int], foreign: float, variance: float) 
     """Nothing known: uniform on the lattice, with a prior mass of foreign ground."""
     each = (1.0 - foreign) / (planes * len(RHOS) * shape[0] * shape[1])
     return FilterState(
-        jnp.full((planes, len(RHOS), *shape), each, jnp.float32), jnp.float32(foreign), jnp.float32(variance)
+        mass=jnp.full((planes, len(RHOS), *shape), each, jnp.float32),
+        foreign=jnp.float32(foreign),
+        variance=jnp.float32(variance),
+        summed=jnp.zeros(shape, jnp.float32),
+        alone=jnp.float32(0.0),
     )
 
 

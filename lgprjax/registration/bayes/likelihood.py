@@ -20,6 +20,8 @@ _LARGEST_R = 0.98
 _LEAST_STRETCHES = 12
 _CAUTIOUS = 2.0
 """Factor on variance and memory of a map that is too short to measure its own."""
+_SURE = 2.0
+"""Standard errors by which the measured memory is raised."""
 _TAILS = np.exp(-np.arange(0.5, 6.01, 0.25))
 _RUNS = (1, 4, 16)
 """Stops over which the mean evidence of foreign ground must not exceed one."""
@@ -67,10 +69,12 @@ def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
     variance = float(np.mean([np.mean(each**2) for each in r]))
     run = min(_RUNS[-1], min(len(each) for each in r))
     summed = [np.mean(_runs(each, run).sum(axis=1) ** 2) / run for each in r]
-    memory = max(float(np.mean(summed)) / variance, 1.0)
+    # What so few stretches may have shown too small.
+    most = float(np.mean(summed) + _SURE * np.std(summed, ddof=1) / np.sqrt(len(summed)))
+    memory = max(most / variance, 1.0)
     tail = float(_TAILS[0])
     # A share of three in so many stretches, each with its own ground, would not have been seen.
-    unseen = 3.0 * memory / sum(len(each) for each in r)
+    unseen = 3.0 / len(r)
     numbers = 1.0 / (variance * memory)
     for wanted in sorted(float(each) for each in _TAILS if each >= unseen):
         if all(_mean_evidence(r, rho, numbers, wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
