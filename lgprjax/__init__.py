@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from lgprjax.api.drives import simulate as simulate
     from lgprjax.api.files import check as check
     from lgprjax.api.files import view as view
+    from lgprjax.api.fixes import locate as locate
     from lgprjax.api.fixes import register as register
     from lgprjax.api.fixes import register_many as register_many
     from lgprjax.api.maps import build_map as build_map
@@ -44,6 +45,7 @@ _MODULE_OF = {
     "open_map": "lgprjax.api.maps",
     "register": "lgprjax.api.fixes",
     "register_many": "lgprjax.api.fixes",
+    "locate": "lgprjax.api.fixes",
     "RegisterOptions": "lgprjax.registration",
     "Fix": "lgprjax.registration",
     "Code": "lgprjax.registration",
@@ -70,6 +72,7 @@ __all__ = [  # noqa: RUF022  # in the order of use, which is that of docs/api.md
     "open_map",
     "register",
     "register_many",
+    "locate",
     "RegisterOptions",
     "Fix",
     "Code",

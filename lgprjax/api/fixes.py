@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from lgprjax.batch import RegisteredDrive
+    from lgprjax.batch.locate import LocatedDrive
     from lgprjax.report import DriveResult, DriveSummary
 
 _LEAST_COLOUR_M = 0.02
@@ -267,3 +268,31 @@ def register_many(
     table = whole[whole["drive"].isin(names)].reset_index(drop=True)
     lost = table[table["error"].notna()]
     return ManyFixes(target, table, dict(zip(lost["drive"], lost["error"], strict=True)))
+
+
+def locate(site: PathLike, drive: PathLike, *, every_m: float | None = None) -> "LocatedDrive":
+    """Find where a drive begins on a map, from its scans and its travel alone; its positions are not used.
+
+    Args:
+        site: a map, open or its path.
+        drive: a drive log, open or its path.
+        every_m: distance between starts; default: one start, at the beginning.
+
+    Returns:
+        ``table`` with a row per start: ``start_scan``, ``scan``, ``driven_m``, position, heading and sigmas at
+        ``scan``, ``p_false``, ``hypotheses`` and ``code`` (``ok``, ``ambiguous``, ``not_yet``, ``off_map``).
+        ``save(folder)`` writes ``NAME.located.csv``.
+
+    Raises:
+        InputError: a file cannot be used, or the recording does not suit the map.
+
+    Example:
+        found = lx.locate("site.map.h5", "drives/live.drive.h5")
+        print(found.table[["scan", "latitude_deg", "longitude_deg", "p_false", "code"]])
+    """
+    from lgprjax.batch.locate import MapLines, check_every, locate_log
+
+    with told_as_arguments():
+        check_every(every_m)
+        with using_map(site) as opened, DriveLog.open(path_of(drive, "drive")) as log:
+            return locate_log(MapLines(opened.source), log, every_m)

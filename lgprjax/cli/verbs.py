@@ -34,6 +34,7 @@ from lgprjax.cli.imports import (
     ImportSegy,
     ImportSignals,
 )
+from lgprjax.cli.locate import Locate
 from lgprjax.cli.maps import MapBuild, MapInfo, MapRefine, MapUpdate, MapVerify
 from lgprjax.cli.options import check_words, current_names, nearest
 from lgprjax.cli.radar import RadarLookup, RadarPlate
@@ -343,6 +344,14 @@ VERBS: Mapping[str, Mapping[str, Verb | VerbGroup]] = {
                 "register road.map.h5 A.drive.h5 B.drive.h5 -o result --workers 2",
             ),
         ),
+        "locate": Verb(
+            Locate,
+            "find where drives begin on a map, without positions",
+            (
+                "locate road.map.h5 Y.drive.h5 -o result",
+                "locate road.map.h5 Y.drive.h5 -o result --every-m 20",
+            ),
+        ),
         "compare": Verb(
             Compare,
             "compare two registrations of a drive",
@@ -412,7 +421,7 @@ def every_verb() -> Iterator[tuple[str, Verb]]:
 
 
 _MEANT = {
-    **dict.fromkeys(("locate", "localise", "localize", "match"), "register"),
+    **dict.fromkeys(("localise", "localize", "match"), "register"),
     **dict.fromkeys(("convert", "read", "open"), "import"),
     **dict.fromkeys(("plot", "show", "draw"), "view"),
     **dict.fromkeys(("validate", "health"), "check"),

@@ -143,7 +143,7 @@ class GroundMap:
         self._frames = SpatialIndex(source.tile_frame[:, :2], 2.0 * self._spacing_m)
         self._low_m, self._high_m = self._extents()
         # Common to what tiles share; each tile's own reference is near it.
-        self._height_m = float(np.median(source.height_reference_m))
+        self.height_m = float(np.median(source.height_reference_m))
         # One size for all tiles, so that one program serves the whole map.
         self._span_m = np.minimum(2.0 * self._half_m, np.max(self._high_m - self._low_m, axis=0))
 
@@ -164,8 +164,8 @@ class GroundMap:
         return jnp.asarray(leading_components(coefficients[stations.valid], _HELD))
 
     @cached_property
-    def _levelling(self) -> Levelling:
-        return Levelling(self.source, self.basis, self._height_m)
+    def levelling(self) -> Levelling:
+        return Levelling(self.source, self.basis, self.height_m)
 
     def tile_near(self, point_m: Float[np.ndarray, "2"], within_m: float) -> int | None:
         """Number of the tile whose frame is nearest to a point, if the map comes within ``within_m`` of it."""
@@ -291,10 +291,10 @@ class GroundMap:
         spec, origin_m = self.grid_of(number)
         east, north, yaw = self.frame(number)
         stations = self.stations_under(number)
-        levelled = self._levelling.read(stations)
+        levelled = self.levelling.read(stations)
         coefficients = levelled.coefficients.reshape(levelled.weight.size, -1)
         # Tiles' references differ by centimetres: one rotation for all traces of the tile.
-        above_m = float(self.source.height_reference_m[number]) - self._height_m
+        above_m = float(self.source.height_reference_m[number]) - self.height_m
         if above_m != 0.0:
             coefficients = coefficients @ self._raising(above_m)
         cos, sin = np.cos(yaw), np.sin(yaw)
