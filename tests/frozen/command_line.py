@@ -8,7 +8,7 @@ from canon.commands import run
 
 WRONG: dict[str, list[str]] = {
     "no verb": [],
-    "unknown verb": ["locate"],
+    "unknown verb": ["localise"],
     "unknown option": ["check", "x.drive.h5", "--loud"],
     "no output": ["register", "text.map.h5", "empty.drive.h5"],
     "no output and no map": ["register", "nowhere.map.h5", "empty.drive.h5"],
