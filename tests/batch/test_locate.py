@@ -46,7 +46,8 @@ def off_m(site: Site, found: LocatedDrive, path: Path) -> np.ndarray:
         frame = source.description.frame
         truth = true_poses(log, frame)
         assert truth is not None
-        east, north, _ = frame.to_local(*ok[["latitude_deg", "longitude_deg"]].to_numpy().T, np.zeros(len(ok)))
+        latitude, longitude = ok[["latitude_deg", "longitude_deg"]].to_numpy().T
+        east, north, _ = frame.to_local(latitude, longitude, np.zeros(len(ok)))
         true_m = truth[ok["scan"].to_numpy()]
         return np.asarray(np.hypot(np.asarray(east) - true_m[:, 0], np.asarray(north) - true_m[:, 1]))
 

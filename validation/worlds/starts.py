@@ -29,7 +29,8 @@ def starts_of(held: MapLines, path: Path, every_m: float) -> dict[str, object]:
         truth = true_poses(log, frame)
     assert truth is not None
     ok = table[table["code"] == "ok"]
-    east, north, _ = frame.to_local(*ok[["latitude_deg", "longitude_deg"]].to_numpy().T, np.zeros(len(ok)))
+    latitude, longitude = ok[["latitude_deg", "longitude_deg"]].to_numpy().T
+    east, north, _ = frame.to_local(latitude, longitude, np.zeros(len(ok)))
     error_m = np.hypot(np.asarray(east) - truth[ok["scan"], 0], np.asarray(north) - truth[ok["scan"], 1])
     variance_m2 = ok["sigma_along_m"] ** 2 + ok["sigma_cross_m"] ** 2
     return {

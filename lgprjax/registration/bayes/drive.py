@@ -42,7 +42,6 @@ _WANDER_M = 0.02  # of dead reckoning, per root of a metre
 _LEAP = 0.01  # probability that a step of positions was one of the vehicle
 _LEAP_M, _LEAP_NOISES = 0.1, 6.0
 _SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
-_ROOM = 8  # places about a tile's grid
 _TILE_M = 0.5  # of travel from which on a tile is looked up again
 _DIRECT = 0.5
 
@@ -384,7 +383,8 @@ class DriveFilter:
         body_m = np.stack([forward_m, np.broadcast_to(self._body_m[:, 1], forward_m.shape)], axis=-1)
         most_m = float(np.max(np.hypot(body_m[..., 0], body_m[..., 1])))
         reach = (_fours(most_m / self.step_m[0]), _fours(most_m / self.step_m[1]))
-        border = (self._whole[0] + reach[0] + _ROOM, self._whole[1] + reach[1] + _ROOM)
+        # A prior beside a narrow map has its lattice's middle up to half the region beyond the grid.
+        border = (2 * self._whole[0] + reach[0] + 2, 2 * self._whole[1] + reach[1] + 2)
         tile = 0 if self._tile is None else self._tile
         frame = self.ground.frame(tile)
         ground = self._ground_of(tile, self._direction(stops, low), border)
