@@ -49,6 +49,7 @@ _RESUMED = "worked/test_resume.py::test_a_run_that_was_cut_is_taken_up_where_it_
 # Verbs that take minutes, a cluster, a run or a drive of their own: the tests that run them, on less of it.
 ELSEWHERE = {
     "calibrate": ("cli/test_calibrate.py",),
+    "locate": ("batch/test_locate.py",),
     "radar lookup": ("cli/test_radar.py",),
     "radar plate": ("cli/test_radar.py",),
     "demo": (

@@ -42,6 +42,7 @@ COLUMNS = (
 _COMPONENTS = 32
 _PLACES = 128
 _CHUNK = 16
+_CELLS = 2048
 _WANDER_M = 0.03  # of the place on a line, per root of a metre: odometer, and lines that are not parallel
 _LOST, _OFF_MAP, _OFF_MAP_M = 0.5, 0.99, 5.0
 _AGAIN_M = 4.0
@@ -56,11 +57,12 @@ _MOST_STEP_M = 0.12  # of cells and nodes, as 0.3 m aside is another place
 
 
 class _Own(NamedTuple):
-    """A drive's stops at the nodes of its array, see ``anywhere.Heard``; numbers of their scans, and travel."""
+    """A drive's stops at the nodes of its array, see ``anywhere.Heard``; numbers of their scans, travel, and leg."""
 
     heard: anywhere.Heard
     scan: Int[np.ndarray, " stop"]
     path_m: Float[np.ndarray, " stop"]
+    leg: Int[np.ndarray, " stop"]
 
 
 class MapLines:
@@ -115,13 +117,11 @@ class MapLines:
                 line = np.column_stack([read.place_m.mean(axis=1) - origin_m, np.unwrap(read.yaw_rad)])
                 place += [self._beyond(line[0], -1), line, self._beyond(line[-1], 1)]
         joined = np.concatenate(value) * np.concatenate(known)[..., None]
-        lines = anywhere.Lines(
-            jnp.asarray(joined, jnp.float32),
-            jnp.asarray(np.sum(joined**2, axis=-1), jnp.float32),
-            jnp.asarray(np.concatenate(known), jnp.float32),
-            jnp.asarray(np.concatenate(place), jnp.float32),
-        )
-        return lines, origin_m
+        fields = (joined, np.sum(joined**2, axis=-1), np.concatenate(known), np.concatenate(place))
+        # Maps of about one length share their programs.
+        more = -len(joined) % _CELLS
+        padded = (np.pad(field, [(0, more), *[(0, 0)] * (field.ndim - 1)]) for field in fields)
+        return anywhere.Lines(*(jnp.asarray(field, jnp.float32) for field in padded)), origin_m
 
     def _beyond(self, end: Float[np.ndarray, "3"], way: int) -> Float[np.ndarray, "cell 3"]:
         """Poses of the unmapped cells before a line (-1) or after it (1): straight on."""
@@ -197,6 +197,7 @@ class MapLines:
             parts.append((fed.filtered[chosen], valid[chosen], fed.path_m[chosen], part.pose[chosen]))
             scans.append(fed.number[chosen])
         filtered, valid, path_m, pose = (np.concatenate(field) for field in zip(*parts, strict=True))
+        scan = np.concatenate(scans)
         left_m = array.y_m - centre_of(array)[1]
         above_m = pose[:, 2, None] + left_m * np.sin(pose[:, 4, None]) - self.ground.height_m
         frequency = self.ground.basis.angular_frequency_rad_per_ns
@@ -208,7 +209,7 @@ class MapLines:
             )
             live.append(np.asarray(level) @ self._components)
         traces = np.stack(live, axis=1) * valid[:, None, :, None]
-        return _Own(self._at_nodes(traces, valid, left_m, path_m), np.concatenate(scans), path_m)
+        return _Own(self._at_nodes(traces, valid, left_m, path_m), scan, path_m, track.leg[scan])
 
     def _at_nodes(
         self,
@@ -295,7 +296,7 @@ def locate_log(held: MapLines, log: DriveLog, every_m: float | None = None) -> L
     """
     own = held.heard(log)
     likelihood = held.likelihood_for(log.description.array)
-    begins = np.arange(0.0, own.path_m[-1], every_m) if every_m else np.zeros(1)
+    begins = np.arange(0.0, max(own.path_m[-1], 1e-6), every_m) if every_m else np.zeros(1)
     rows = [_located(held, own, int(np.searchsorted(own.path_m, begin - 1e-9)), likelihood) for begin in begins]
     return LocatedDrive(log.path.name.removesuffix(".drive.h5"), pd.DataFrame(rows, columns=list(COLUMNS)))
 
@@ -304,6 +305,8 @@ def _located(held: MapLines, own: _Own, start: int, likelihood: Likelihood) -> d
     """The row of a start."""
     begin, path_m = start, own.path_m
     end = int(np.searchsorted(path_m, path_m[start] + MOST_M, side="right"))
+    # Beyond a gap of the travel the stops before it say nothing.
+    end = min(end, int(np.searchsorted(own.leg, own.leg[start], side="right")))
     last: anywhere.Report | None = None
     at = start
     while begin < end:
@@ -330,6 +333,8 @@ def _followed(
     node_m, spacing_m = held.node_m, held.spacing_m
     stops = own.heard._replace(at=(own.heard.at - own.heard.at[begin]).astype(np.float32))
     first = _part(stops, begin, min(begin + anywhere.FIRST, end), anywhere.FIRST)
+    # Scans far apart would reach beyond a shard.
+    first = first._replace(there=first.there & (first.at < anywhere.HALO - 1.0))
     places, shown = anywhere.propose(held.lines, first, likelihood, _PLACES)
     state = anywhere.begin(held.lines, places, stops.live.shape[3])
     wander = jnp.asarray([(_WANDER_M / spacing_m) ** 2, (_WANDER_M / node_m) ** 2], jnp.float32)

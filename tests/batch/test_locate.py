@@ -22,7 +22,7 @@ from lgprjax.scene import WEATHER
 
 @pytest.fixture(scope="module")
 def begun(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[LocatedDrive, Path]]:
-    """Starts every five metres of a clear day, one of snow, one in the opposite direction, and of other ground."""
+    """Starts every eight metres of a clear day, one of snow, one in the opposite direction; one of other ground."""
     folder = tmp_path_factory.mktemp("starts")
     logs = {
         "live": site.logs["live"],
@@ -35,7 +35,7 @@ def begun(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tup
         held = MapLines(source)
         for name, path in logs.items():
             with DriveLog.open(path) as log:
-                found[name] = locate_log(held, log, 5.0), path
+                found[name] = locate_log(held, log, None if name == "impostor" else 8.0), path
     return found
 
 
@@ -58,9 +58,9 @@ def test_starts_are_found_within_metres(site: Site, begun: dict[str, tuple[Locat
     found, path = begun[day]
     table = found.table
     assert tuple(table.columns) == COLUMNS
-    # The last start has too little of the drive before it.
     ok = (table["code"] == "ok").to_numpy()
-    assert ok[:-1].mean() >= 0.75
+    # The last start may have too little of the drive ahead of it.
+    assert ok[:-1].all()
     assert table["driven_m"][ok].median() < 5.0
     assert off_m(site, found, path).max() < 0.3
     with MapFile.open(site.map) as source, DriveLog.open(path) as log:
