@@ -1,7 +1,7 @@
 """Starts on worlds without a prior position: ``python -m validation.worlds.starts 18 22`` (``PYTHONPATH=.:tests``).
 
 Every start of every day of the worlds that ``validation.worlds.heart`` made (``--keep``): codes, metres driven, errors
-against the truth, and their squares over the stated variances.
+against the truth, and their squares over the stated variances. Those of eight worlds are in ``starts.jsonl``.
 """
 
 import argparse
