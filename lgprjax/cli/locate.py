@@ -9,6 +9,7 @@ from tyro.conf import Positional, arg
 
 from lgprjax.cli.terminal import console, require_files, say, verdict, working
 from lgprjax.errors import InputError
+from lgprjax.files import make_folder
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class Locate:
                 with DriveLog.open(path) as log:
                     recording_of(log).operator(source.description.settings, len(source.description.gain))
                     track_of_drive(log, source.description.frame)
+            make_folder(self.output)
             with working("reading the map"):
                 held = MapLines(source)
             for path in self.drives:
