@@ -18,7 +18,7 @@ from lgprjax.formats import DriveLog, MapFile, atomic_output
 from lgprjax.radar import ArrayGeometry, air_delay_ns, centre_of, shift_travel_time
 from lgprjax.registration import RegisterOptions, ground_map_for
 from lgprjax.registration.bayes import Likelihood, anywhere, measure_likelihood
-from lgprjax.registration.bayes.drive import SPACING
+from lgprjax.registration.bayes.drive import SPACING, first_of_each
 from lgprjax.registration.queries import rotation
 from lgprjax.registration.search import BLOCK_SCANS, live_chain
 
@@ -186,11 +186,7 @@ class MapLines:
         for low, recorded, valid in recording_of(log).blocks(BLOCK_SCANS):
             part = type(track)(*(field[low : low + len(recorded)] for field in track))
             fed = chain.feed(recorded, valid, part, BLOCK_SCANS)
-            chosen = []
-            for at, path_m in enumerate(fed.path_m):
-                if path_m >= next_m - 1e-9:
-                    chosen.append(at)
-                    next_m = max(next_m, float(path_m) - 0.5 * self.spacing_m) + self.spacing_m
+            chosen, next_m = first_of_each(fed.path_m, self.spacing_m, next_m)
             if fed.background is not None:
                 for earlier in parts:
                     earlier[0][:] -= np.where(earlier[1][..., None], fed.background, np.float32(0.0))
@@ -248,8 +244,8 @@ class LocatedDrive:
 
     Attributes:
         name: of the drive.
-        table: the columns of ``NAME.located.csv``: ``start_scan``, and ``scan``, whose position is told after
-            ``driven_m`` of travel; latitude, longitude and heading with their sigmas along and across the heading;
+        table: the columns of ``NAME.located.csv``: ``start_scan``, and ``scan``, ``driven_m`` of travel later, whose
+            position is given; latitude, longitude and heading with their sigmas along and across the heading;
             ``p_false``, the probability that the start is false; ``hypotheses``, places with more than a thousandth of
             the probability; ``code``: ``ok``, ``ambiguous`` (several places), ``not_yet`` (nothing is likely enough) or
             ``off_map``.
@@ -308,12 +304,14 @@ def _located(held: MapLines, own: _Own, start: int, likelihood: Likelihood) -> d
     # Beyond a gap of the travel the stops before it say nothing.
     end = min(end, int(np.searchsorted(own.leg, own.leg[start], side="right")))
     last: anywhere.Report | None = None
-    at = start
+    at, tries = start, 0
     while begin < end:
+        tries += 1
         for at, report in _followed(held, own, begin, end, likelihood):
-            last = report
-            if report.p_false < RISK:
-                return _row(held, own, start, at, report, "ok")
+            # Each time that places are proposed anew is another chance to be wrong.
+            last = report._replace(p_false=jnp.minimum(tries * report.p_false, 1.0))
+            if last.p_false < RISK:
+                return _row(held, own, start, at, last, "ok")
             if float(report.foreign) > _LOST and path_m[at] - path_m[begin] > _AGAIN_M:
                 break
         else:

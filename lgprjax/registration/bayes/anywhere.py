@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from lgprjax.registration.bayes.filter import diffused, normalised
 from lgprjax.registration.bayes.likelihood import RHOS, Likelihood, evidence
 from lgprjax.registration.bayes.score import ON_MAP
 from lgprjax.registration.fix import WRONG_M
@@ -103,7 +104,6 @@ class Report(NamedTuple):
         foreign: of it, foreign ground and all that was not proposed.
         place_m, yaw, covariance_m2: mean of what is near the mode, from the map's first cell; its heading.
         mass, centre_m: of each place that was proposed.
-        r, cover: correlation at the mode, and share of the array on the map.
     """
 
     p_false: Float[Array, "*stop"]
@@ -113,8 +113,6 @@ class Report(NamedTuple):
     covariance_m2: Float[Array, "*stop 2 2"]
     mass: Float[Array, "*stop place"]
     centre_m: Float[Array, "*stop place 2"]
-    r: Float[Array, "*stop"]
-    cover: Float[Array, "*stop"]
 
 
 # Propose.
@@ -222,7 +220,7 @@ def propose(lines: Lines, heard: Heard, likelihood: Likelihood, count: int) -> t
         squares, over, sums = squares + square, over + many, sums + float(summed)
     every = np.concatenate(found, axis=1)
     every = every[:, np.argsort(-every[0], kind="stable")[:count]].astype(int)
-    mean = squares / np.maximum(over, 1.0)
+    mean = np.where(over > 0.0, squares / np.maximum(over, 1.0), np.nan)
     return Places(*(jnp.asarray(each, jnp.int32) for each in every[1:])), Shown(mean, sums / max(squares.sum(), 1e-12))
 
 
@@ -293,15 +291,6 @@ def _surface(
     return r, jnp.where(usable, cover, 0.0), cell[:, :-1], share
 
 
-def _near(field: Array, share: Array, axis: int) -> Array:
-    """A share goes to each neighbour along an axis; at the ends it stays."""
-    size = field.shape[axis]
-    first, last = (jax.lax.slice_in_dim(field, at, at + 1, axis=axis) for at in (0, size - 1))
-    before = jnp.concatenate([first, jax.lax.slice_in_dim(field, 0, size - 1, axis=axis)], axis=axis)
-    after = jnp.concatenate([jax.lax.slice_in_dim(field, 1, size, axis=axis), last], axis=axis)
-    return field + share * (before + after - 2.0 * field)
-
-
 class Fixed(NamedTuple):
     """What does not change along a drive: map, likelihood, and sizes of a cell along and across."""
 
@@ -316,15 +305,15 @@ class Fixed(NamedTuple):
 def step(
     state: _State, stop: Heard, scatter: Float[Array, ""], first: Bool[Array, ""], fixed: Fixed
 ) -> tuple[_State, Report]:
-    """One stop: predict, weigh, normalise, report. ``scatter`` is what the whole map shows, NaN where it is not known;
-    then the places beside the mode's show it.
+    """One stop: predict, weigh, normalise, report. ``scatter`` is that of the whole map; where it is NaN, the places
+    far from the mode give it.
     """
     mass, foreign, known = state.mass, state.foreign, fixed.likelihood
     moved = jnp.where(first, 0.0, stop.travel_m)
     for axis in range(2):
-        mass = _near(mass, jnp.minimum(0.5 * moved * fixed.wander[axis], 0.25), 3 + axis)
+        mass = diffused(mass, jnp.minimum(0.5 * moved * fixed.wander[axis], 0.25), 3 + axis)
     mixing = jnp.minimum(_MIXING * moved, 0.1)
-    mass = _near(_near(mass, mixing, 1), mixing, 2)
+    mass = diffused(diffused(mass, mixing, 1), mixing, 2)
     foreign, mass = foreign + _FOREIGN * moved * jnp.sum(mass), (1.0 - _FOREIGN * moved) * mass
     r, cover, cell, share = _surface(fixed.lines, stop, state.at)
     pose_m, yaw = _poses(fixed, state.at, cell, share, stop.live.shape[2])
@@ -338,10 +327,7 @@ def step(
     numbers = numbers * jnp.minimum(stop.travel_m / fixed.spacing_m, 1.0)
     rho = jnp.asarray(RHOS, jnp.float32)[None, None, :, None, None]
     ratio = evidence(r[:, :, None], rho, numbers[:, None, None])
-    believed = known.tail * jnp.sum(mass * ratio) / jnp.maximum(jnp.sum(mass), 1e-30)
-    mass, foreign = mass * ((1.0 - known.tail) * ratio + believed), foreign * (1.0 - known.tail + believed)
-    whole = jnp.sum(mass) + foreign
-    mass, foreign = mass / whole, foreign / whole
+    mass, foreign = normalised(mass, foreign, ratio, jnp.asarray(known.tail))
     place = jnp.sum(mass, axis=(1, 2))
     away, mode = _apart(pose_m, yaw, place)
     near = jnp.where(away, 0.0, place)
@@ -356,8 +342,6 @@ def step(
         covariance_m2=jnp.einsum("pij,pijx,pijy->xy", near, off, off) / held,
         mass=jnp.sum(place, axis=(1, 2)),
         centre_m=jnp.einsum("pij,pijx->px", place, pose_m) / jnp.maximum(jnp.sum(place, axis=(1, 2)), 1e-30)[:, None],
-        r=jnp.max(r, axis=1).ravel()[mode],
-        cover=cover.ravel()[mode],
     )
     after = _State(mass, foreign, state.at)
     return jax.tree.map(lambda new, old: jnp.where(stop.there, new, old), after, state), report
@@ -415,6 +399,5 @@ def recentred(state: _State) -> _State:
         return jax.lax.dynamic_slice(wide, (0, 0, size[0] + by[0], size[1] + by[1]), mass.shape), by
 
     mass, by = jax.vmap(one)(state.mass, place)
-    # Counted from the first stop a cell ahead is a cell back where a drive goes against the line: both count cells.
     at = state.at._replace(cell=state.at.cell + by[:, 0], node=state.at.node + by[:, 1])
     return _State(mass, jnp.maximum(1.0 - jnp.sum(mass), 0.0), at)

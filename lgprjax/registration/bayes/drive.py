@@ -158,13 +158,8 @@ class DriveFilter:
         self._steps: list[float] = []
 
     def choose(self, scans: LiveScans, next_m: float) -> tuple[Int[np.ndarray, " stop"], float]:
-        """Scans that become stops, and travel of the next: the first of each step of travel."""
-        chosen = []
-        for scan, path_m in enumerate(scans.path_m):
-            if path_m >= next_m - 1e-9:
-                chosen.append(scan)
-                next_m = max(next_m, path_m - 0.5 * self.spacing_m) + self.spacing_m
-        return np.asarray(chosen, dtype=int), next_m
+        """Scans that become stops, and travel of the next, see ``first_of_each``."""
+        return first_of_each(scans.path_m, self.spacing_m, next_m)
 
     def follow(self, stops: Stops, astray: Float[np.ndarray, "stop 2"]) -> Followed:
         """Lead the filter over stops, which go on from those before.
@@ -506,6 +501,18 @@ class DriveFilter:
             yaw=np.full(count, lattice.yaw),
             **{name: np.asarray(getattr(posterior, name), np.float64) for name in same},
         )
+
+
+def first_of_each(
+    path_m: Float[np.ndarray, " scan"], spacing_m: float, next_m: float
+) -> tuple[Int[np.ndarray, " stop"], float]:
+    """The first scan of each step of travel from ``next_m`` on, and travel of the next."""
+    chosen = []
+    for scan, at_m in enumerate(path_m):
+        if at_m >= next_m - 1e-9:
+            chosen.append(scan)
+            next_m = max(next_m, float(at_m) - 0.5 * spacing_m) + spacing_m
+    return np.asarray(chosen, dtype=int), next_m
 
 
 def _fours(places: float) -> int:

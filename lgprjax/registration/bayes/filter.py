@@ -133,11 +133,11 @@ def predict(state: FilterState, stop: Stop, model: Model) -> FilterState:
     """The state before a stop is heard."""
     mass, foreign = state.mass, state.foreign
     for axis, variance in ((2, stop.wander[0]), (3, stop.wander[1])):
-        mass = _diffused(mass, jnp.minimum(0.5 * variance, 0.25), axis)
+        mass = diffused(mass, jnp.minimum(0.5 * variance, 0.25), axis)
     mixing = jnp.minimum(model.mixing * stop.travel_m, 0.1)
     ways = jnp.sum(model.neighbour, axis=1)
     mass = mass + mixing * (jnp.einsum("gh,hrij->grij", model.neighbour, mass) - ways[:, None, None, None] * mass)
-    mass = _diffused(mass, mixing, 1)
+    mass = diffused(mass, mixing, 1)
     places = mass.shape[2] * mass.shape[3]
     of_plane = jnp.sum(mass, axis=(2, 3), keepdims=True)
     leap = jnp.minimum(model.lost * stop.travel_m + stop.leap, 1.0)
@@ -183,12 +183,18 @@ def weigh(state: FilterState, surface: Surface, stop: Stop, model: Model) -> Fil
     numbers = numbers * jnp.minimum(stop.travel_m / model.spacing_m, 1.0) * surface.cover
     rho = jnp.asarray(RHOS, dtype=jnp.float32)[None, :, None, None]
     ratio = evidence(surface.r[:, None], rho, numbers[None, None])
-    believed = jnp.sum(state.mass * ratio) / jnp.maximum(jnp.sum(state.mass), 1e-30)
-    any_way = known.tail * believed
-    mass = state.mass * ((1.0 - known.tail) * ratio + any_way)
-    foreign = state.foreign * ((1.0 - known.tail) + any_way)
+    mass, foreign = normalised(state.mass, state.foreign, ratio, jnp.asarray(known.tail))
+    return state._replace(mass=mass, foreign=foreign)
+
+
+def normalised(
+    mass: Float[Array, "*state"], foreign: Float[Array, ""], ratio: Float[Array, "*state"], tail: Float[Array, ""]
+) -> tuple[Float[Array, "*state"], Float[Array, ""]]:
+    """Mass and foreign ground after a stop whose evidence is ``ratio``; a share ``tail`` of stops says nothing."""
+    any_way = tail * jnp.sum(mass * ratio) / jnp.maximum(jnp.sum(mass), 1e-30)
+    mass, foreign = mass * ((1.0 - tail) * ratio + any_way), foreign * (1.0 - tail + any_way)
     whole = jnp.sum(mass) + foreign
-    return state._replace(mass=mass / whole, foreign=foreign / whole)
+    return mass / whole, foreign / whole
 
 
 def scatter(state: FilterState, stop: Stop, ground: LatticeGround, model: Model, reach: tuple[int, int]) -> FilterState:
@@ -281,7 +287,7 @@ def begin(planes: int, shape: tuple[int, int], foreign: float, variance: float) 
     )
 
 
-def _diffused(mass: Float[Array, "plane rho along cross"], share: Float[Array, ""], axis: int) -> Array:
+def diffused(mass: Float[Array, "plane rho along cross"], share: Float[Array, ""], axis: int) -> Array:
     """A share goes to each neighbour along an axis; at the ends it stays."""
     first, last = (jax.lax.slice_in_dim(mass, at, at + 1, axis=axis) for at in (0, mass.shape[axis] - 1))
     before = jnp.concatenate([first, jax.lax.slice_in_dim(mass, 0, mass.shape[axis] - 1, axis=axis)], axis=axis)
