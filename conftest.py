@@ -14,6 +14,7 @@ from pathlib import Path
 import jax
 import pytest
 
+from canon.arithmetic import ONE_ARITHMETIC
 from canon.course import make_course_run
 from canon.shared import shared_folder
 from canon.site import Site, make_site, site_in
@@ -21,6 +22,10 @@ from canon.trench import TrenchSite, make_trench_site, trench_site_in
 
 # The benchmarks are not in the wheel. Behind everything else, so that the installed package stays what is tested.
 sys.path.append(str(Path(__file__).parent))
+# Before the first program is compiled. A validation measures what is shipped.
+if "LGPRJAX_VALIDATION" not in os.environ:
+    for variable, setting in ONE_ARITHMETIC.items():
+        os.environ.setdefault(variable, setting)
 # A shell that starts the tests in the background has them, and what they start, ignore Ctrl-C; some of them press it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -51,8 +56,8 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 # Files that drive the whole chain, minutes each: first, so that no worker is left with one when the others are done.
 # Processes that tests start come after the files that compile the same programs and cache them.
 _LONG = (
-    *("batch/test_days.py", "frozen", "test_public.py", "batch", "test_docs.py", "registration", "simulation", "cli"),
-    *("navigation", "runtime", "studies", "report", "scene"),
+    *("cli/test_calibrate.py", "frozen", "test_public.py", "batch", "test_docs.py", "registration", "simulation"),
+    *("cli", "navigation", "runtime", "studies", "report", "scene"),
 )
 
 

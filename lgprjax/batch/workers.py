@@ -43,10 +43,11 @@ def thread_variables(threads: int) -> dict[str, str]:
 
     Equal threads give equal bits: their number decides the order of additions.
     """
-    eigen = f"--xla_cpu_multi_thread_eigen={'true' if threads > 1 else 'false'}"
+    eigen = "--xla_cpu_multi_thread_eigen="
+    flags = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if not flag.startswith(eigen)]
     return {
         **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NPROC"), str(threads)),
-        "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {eigen}".strip(),
+        "XLA_FLAGS": " ".join((*flags, eigen + ("true" if threads > 1 else "false"))),
     }
 
 

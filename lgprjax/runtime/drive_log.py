@@ -42,7 +42,7 @@ from lgprjax.runtime.cart import smoothed_parts
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Senses
 from lgprjax.runtime.control.setup import TICK_S
-from lgprjax.runtime.gnss import read_gnss
+from lgprjax.runtime.gnss import is_position, read_gnss
 from lgprjax.vehicle import VehiclePose
 
 _SIGMA_HEIGHT, _SIGMA_ROLL_DEG = 2.0, 0.2
@@ -324,7 +324,7 @@ def _frame_of(reading: RunReading) -> tuple[LocalFrame, set[int], str]:
     """
     found: list[tuple[int, float, float, float, float]] = []
     for number, record in enumerate(_records(reading)):
-        if (record.kind, record.source) == (RecordKind.PORT_IN, Source.GNSS):
+        if (record.kind, record.source) == (RecordKind.PORT_IN, Source.GNSS) and is_position(record.payload):
             sample = read_gnss(record.payload)
             position = None if sample is None else sample.position
             if position is not None and math.isfinite(position.height_m):

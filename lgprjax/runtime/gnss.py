@@ -110,6 +110,11 @@ def read_gnss(raw: bytes) -> GnssSample | None:
         return None
 
 
+def is_position(raw: bytes) -> bool:
+    """Whether a message is of a kind that holds a position; of the others nothing needs to be decoded."""
+    return raw[3:6] == b"GGA" if raw[:1] == b"$" else raw[2:4] == _NAV_PVT
+
+
 class _InvalidError(ValueError):
     """A field that is missing, not a number or out of its range."""
 
@@ -228,15 +233,26 @@ _NMEA: dict[bytes, _Reader] = {
     b"ROT": _rot,
     b"PASHR": _pashr,
 }
+_NAV_PVT = b"\x01\x07"
 _UBX: dict[bytes, tuple[int, _Reader]] = {  # with the length of the payload
-    b"\x01\x07": (92, _nav_pvt),
+    _NAV_PVT: (92, _nav_pvt),
     b"\x01\x05": (32, _nav_att),
     b"\x01\x3c": (64, _nav_relposned),
     b"\x10\x15": (36, _esf_ins),
 }
 
 
-__all__ = ["Accuracy", "GnssAttitude", "GnssParser", "GnssPosition", "GnssSample", "Quality", "Rate", "read_gnss"]
+__all__ = [
+    "Accuracy",
+    "GnssAttitude",
+    "GnssParser",
+    "GnssPosition",
+    "GnssSample",
+    "Quality",
+    "Rate",
+    "is_position",
+    "read_gnss",
+]
 
 _GNSS_UBX = b"\xb5\x62"
 _UBX_AROUND = 8  # sync, class, number, length, then two of checksum

@@ -22,14 +22,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import lgprjax
+from canon.arithmetic import ONE_ARITHMETIC
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(__file__).parent / "data"
-ONE_ARITHMETIC = {
-    "XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2 --xla_cpu_multi_thread_eigen=false",
-    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NPROC"), "1"),
-}
-"""Instructions that every x86-64 processor since 2008 has, and sums by one thread."""
+AS_DRIVEN = {**ONE_ARITHMETIC, "XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2 --xla_cpu_multi_thread_eigen=false"}
+"""Of the recordings that are replayed to the bit."""
 _COMMANDS = """
 import contextlib, io, json, os, sys
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Old recordings replay: every frame that was sent comes out again, to the bit.
 
-The recordings were driven by ``ONE_ARITHMETIC``, and are replayed by it. See ``recordings`` for what they show.
+The recordings were driven by ``AS_DRIVEN``, and are replayed by it. See ``recordings`` for what they show.
 """
 
 import json
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from frozen.harness import ONE_ARITHMETIC, Done, run_command
+from frozen.harness import AS_DRIVEN, Done, run_command
 from frozen.recordings import lay_out
 
 pytestmark = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="recorded on x86-64")
@@ -28,7 +28,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Done, 
         folder = tmp_path_factory.mktemp(name)
         run, told = lay_out(name, folder / "driven"), folder / "told.json"
         words = ["run", str(run / "config.toml"), "--replay", str(run), "--json", str(told)]
-        return run_command(words, folder, **ONE_ARITHMETIC), told
+        return run_command(words, folder, **AS_DRIVEN), told
 
     with ThreadPoolExecutor() as pool:
         return dict(zip(_FRAMES, pool.map(replay, _FRAMES), strict=True))

@@ -335,7 +335,7 @@ def _hold_xla_to_one() -> None:
     """Each call's work on the thread that calls: the vehicle's own programs need the other core."""
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-    os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
     if sys.platform == "linux":
         # XLA makes as many threads as it sees CPUs: one is seen while it starts.
         allowed = os.sched_getaffinity(0)
