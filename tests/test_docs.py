@@ -20,6 +20,7 @@ from rosbags.highlevel import AnyReader
 from benchmarks.__main__ import Name
 from benchmarks.page import ABOUT, filled_page, record_pages
 from benchmarks.records import Record
+from canon.map import built_with_many_grounds
 from formats.mcap_sample import curved_fixes, write_curved
 from formats.samples import write_dt1
 from formats.test_signal_tables import columns, write_csv
@@ -93,7 +94,7 @@ def tutorial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tutorial")
     blocks = marked_blocks(TUTORIAL)
     assert len(blocks) >= 5
-    with contextlib.chdir(folder):
+    with contextlib.chdir(folder), built_with_many_grounds():
         for number, block in enumerate(blocks):
             follow(*block)
             if number == 0:

@@ -22,6 +22,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 import lgprjax as lx
+from canon.map import built_with_many_grounds
 from canon.site import Site
 from canon.trench import first_scans
 from frozen.recordings import lay_out
@@ -79,7 +80,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
         village = village.replace(f"{key} = {whole}\n", f"{key} = {part}\n")
     (folder / "village").write_text(village, encoding="utf-8")
     scope: dict[str, Any] = {}
-    with contextlib.chdir(folder):
+    with contextlib.chdir(folder), built_with_many_grounds():
         lx.simulate("tuning/drives.toml", "out/drives", only=["palm_tree", "palm_tree_again"])
         exec("\n".join([*python_of(_PAGE), _SESSION]), scope)
     return folder, scope

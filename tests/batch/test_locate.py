@@ -11,6 +11,7 @@ import pytest
 import lgprjax as lx
 from batch.other_days import drive_over, village
 from canon.commands import run, succeed
+from canon.map import of_many_grounds
 from canon.site import Site
 from lgprjax.batch.locate import COLUMNS, LocatedDrive, MapLines, locate_log
 from lgprjax.batch.register import true_poses
@@ -22,7 +23,7 @@ from lgprjax.scene import WEATHER
 
 @pytest.fixture(scope="module")
 def begun(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[LocatedDrive, Path]]:
-    """Starts every eight metres of a clear day, one of snow, one in the opposite direction; one of other ground."""
+    """Starts every twelve metres of a clear day, one of snow, one in the opposite direction; one of other ground."""
     folder = tmp_path_factory.mktemp("starts")
     logs = {
         "live": site.logs["live"],
@@ -35,7 +36,7 @@ def begun(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tup
         held = MapLines(source)
         for name, path in logs.items():
             with DriveLog.open(path) as log:
-                found[name] = locate_log(held, log, None if name == "impostor" else 8.0), path
+                found[name] = locate_log(held, log, None if name == "impostor" else 12.0), path
     return found
 
 
@@ -105,7 +106,7 @@ def test_ground_that_is_mapped_twice_stays_ambiguous(site: Site, tmp_path: Path)
             if group in store:
                 store[f"{group}/latitude_deg"][:] += 2e-3
     database = tmp_path / "twice.map.h5"
-    build_map([site.logs["baseline_left"], twin], database)
+    build_map([site.logs["baseline_left"], twin], database, measure=of_many_grounds)
     found = lx.locate(database, site.logs["live"])
     row = found.table.iloc[0]
     assert row["code"] == "ambiguous"

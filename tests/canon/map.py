@@ -1,12 +1,17 @@
 """Small maps of made-up ground: a bent road, driven once and again beside, written as a database."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from lgprjax.formats import MapFile, MapPrecision, MapWriter
 from lgprjax.frames import LocalFrame
+from lgprjax.mapping import build_map
 from lgprjax.radar import ChainSettings, default_chain
 from lgprjax.registration import Chance, pooled_chance
 from lgprjax.subsurface import MapDescription, StationBlock, TilePlacer
@@ -60,3 +65,11 @@ def write_made_map(
 def of_many_grounds(source: MapFile) -> Chance:
     """False-match statistics of many grounds in place of the map's own, whose measurement takes minutes."""
     return pooled_chance(source.description.settings.wavelength_m)
+
+
+@contextmanager
+def built_with_many_grounds() -> Iterator[None]:
+    """Commands and ``lx`` build maps with false-match statistics of many grounds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
+        yield

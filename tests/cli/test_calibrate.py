@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canon.calibration import SHORT, Calibrated, calibrated, write_kit
+from canon.calibration import DRIVEN_BEFORE, Calibrated, calibrated, write_kit
 from canon.commands import run, succeed
 from lgprjax.formats import VehicleLog, flat_keys, read_run, read_vehicle
 from lgprjax.run_records import PLAN, Record, RecordKind, Source, unpack
@@ -30,7 +30,7 @@ def again(kit: Calibrated, tmp_path: Path) -> Path:
 
 
 def test_the_numbers_of_a_hidden_vehicle_are_inside_their_intervals(kit: Calibrated) -> None:
-    found, truths = read_vehicle(kit.vehicle).found, SHORT.truth
+    found, truths = read_vehicle(kit.vehicle).found, DRIVEN_BEFORE.truth
     assert set(truths) <= set(found)
     outside = []
     for path, truth in truths.items():
@@ -57,7 +57,7 @@ def test_nothing_is_open_afterwards_and_what_is_assumed_is_named(kit: Calibrated
 
 
 def test_each_step_leaves_its_drive_log_and_pictures(kit: Calibrated) -> None:
-    steps = ["straight", "palm_tree", "turns", "half_turns", "steering", "pedals"]
+    steps = ["straight", "half_turns", "steering", "pedals"]
     for step in steps:
         succeed("check", kit.folder / f"{step}.drive.h5")
     drawn = {path.name.split(".")[0] for path in kit.folder.glob("*.png")}
@@ -66,7 +66,7 @@ def test_each_step_leaves_its_drive_log_and_pictures(kit: Calibrated) -> None:
 
 
 def test_hands_alone_move_the_vehicle_in_the_steps_that_are_driven(kit: Calibrated) -> None:
-    (folder,) = kit.folder.glob("palm_tree-*")
+    (folder,) = kit.folder.glob("half_turns-*")
     assert not [1 for _, data in read_run(folder) if unpack(data).kind is RecordKind.PORT_OUT]
 
 

@@ -5,20 +5,19 @@ import os
 import re
 import shutil
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from canon.commands import run, succeed
-from canon.map import of_many_grounds
+from canon.map import built_with_many_grounds
 from canon.record import Recorded, record, write_record
 from cli.processes import ROOT, quick
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, NavigationTrack, VehicleLog, read_run
 from lgprjax.frames import along_cross
-from lgprjax.mapping import build_map, open_route, waypoints_of
+from lgprjax.mapping import open_route, waypoints_of
 from lgprjax.run_records import RecordKind, Source, unpack
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.drive_log import drive_of_run
@@ -68,13 +67,11 @@ def test_nothing_was_sent_to_the_vehicle(recorded: Recorded) -> None:
     assert {record.source for record in sent} == {Source.RADAR}
 
 
-def test_its_run_folder_is_a_map_with_a_route(
-    recorded: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
+def test_its_run_folder_is_a_map_with_a_route(recorded: Recorded, tmp_path: Path) -> None:
     database = tmp_path / "first.map.h5"
     assert str(recorded.drive) in recorded.said
-    succeed("map", "build", recorded.folder, "-o", database)
+    with built_with_many_grounds():
+        succeed("map", "build", recorded.folder, "-o", database)
     (route,) = json.loads(succeed("route", "list", database, "--json", "-"))["routes"]
     assert route["route"] == "record"
     # A drive that began at standstill has no kink there.

@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,11 +15,10 @@ import pytest
 from canon.calibration import SHORT, calibrated
 from canon.commands import run, succeed
 from canon.first_day import first_day, wrong_fixes
-from canon.map import of_many_grounds
+from canon.map import built_with_many_grounds
 from canon.shared import shared_folder
 from lgprjax.cli.simulated_run import _SHOWN
 from lgprjax.formats import VehicleLog
-from lgprjax.mapping import build_map
 from lgprjax.process_cost import count_compiles
 
 
@@ -48,8 +46,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     kit = calibrated(tmp_path_factory)
 
     def make(folder: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("lgprjax.mapping.build_map", partial(build_map, measure=of_many_grounds))
+        with built_with_many_grounds():
             first_day(folder, SHORT, 60.0, calibrate=lambda to: shutil.copy(kit.vehicle, to / "kit.vehicle.toml"))
 
     return shared_folder(tmp_path_factory, "first_day", make)
