@@ -97,7 +97,7 @@ def study_threshold(task: Task) -> Outcome:
     ticks = read_field_ticks(folder)
     fit = _fit(folder, ticks)
     figures = [
-        Figure("yaw rate that the threshold leaves unexplained, share of its variance", fit.unexplained, ""),
+        Figure("quick changes of the yaw rate, share that the threshold leaves unexplained", fit.unexplained, ""),
         Figure("the same without a threshold", fit.without, ""),
         Figure("delay from command to turn", fit.delay_s, "s"),
         Figure("lag of the turn", fit.lag_s, "s"),

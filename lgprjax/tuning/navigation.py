@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from scipy.ndimage import uniform_filter1d
 
 from lgprjax.navigation.counter_steer_filter import (
     FilterInfo,
@@ -359,14 +360,17 @@ def _named(names: tuple[str, ...], mask: Bool[np.ndarray, " noise"]) -> tuple[st
 # The control threshold from a logged drive: from commanded and executed turns.
 #
 # For every threshold the vehicle's yaw rate is that of the commands it would have obeyed, some time late and through a
-# lag, times a gain, plus a bias. The threshold, delay and lag that leave the least of the measured yaw rate
-# unexplained are the vehicle's; the interval holds every threshold that explains it nearly as well. Residuals of a log
-# remember each other, and so many of them count as one.
+# lag, times a gain, plus a slow bias: the sides slip by shares that change over metres, and the controller drives
+# straight by a small command that turns nothing, as if it were ignored. Only what is quicker is compared. The
+# threshold, delay and lag that leave the least of it unexplained are the vehicle's; the interval holds every threshold
+# that explains it nearly as well. Residuals of a log remember each other, and so many of them count as one.
 
 _CANDIDATES = 80
 _DELAYS_S = np.arange(0.0, 1.01, 0.1)
 _LAGS_S = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8])
 _LEAST_RECORDS = 200
+_SLOW_S = 6.0
+"""Yaw rates and commands are compared about their means over this time."""
 _CHI_95 = 3.84
 _CLEARLY = 1.05
 """What is left without a threshold over what is left with it: in a long log noise alone is significant, but small."""
@@ -381,7 +385,8 @@ class ThresholdFit(NamedTuple):
         found: the vehicle ignores small commands: no threshold explains the log clearly worse.
         threshold_mps: of the wheels' difference; the interval reaches over the commands that were not given.
         delay_s, lag_s: from a command to the turn.
-        unexplained: share of the yaw rate's variance that is left; without: the same for no threshold.
+        unexplained: share of the variance of the yaw rate's quick part that is left; without: the same for no
+            threshold.
     """
 
     found: bool
@@ -420,7 +425,9 @@ def fit_threshold(
     places = np.unique(np.linspace(0, len(sizes) - 1, _CANDIDATES).round().astype(int))
     candidates = np.append(0.0, 0.5 * (sizes[places][1:] + sizes[places][:-1]))
     # A delay and a lag may change places: the lag's recursion runs once for all delays.
-    obeyed = [_obeyed(turn_mps[:-1], candidates, step_s, lag) for lag in _LAGS_S]
+    slow = max(round(_SLOW_S / step_s), 3)
+    rate = _quick(rate, slow)
+    obeyed = [_quick(_obeyed(turn_mps[:-1], candidates, step_s, lag), slow) for lag in _LAGS_S]
     late = [round(delay / step_s) for delay in _DELAYS_S]
     left = np.array([[_unexplained(rate, _later(way, shift)) for way in obeyed] for shift in late])
     delay, lag, best = np.unravel_index(np.argmin(left), left.shape)
@@ -460,6 +467,11 @@ def _obeyed(
     return lagged
 
 
+def _quick(values: Float[np.ndarray, "record ..."], records: int) -> Float[np.ndarray, "record ..."]:
+    """About their running mean."""
+    return np.asarray(values - uniform_filter1d(values, records, axis=0, mode="nearest"))
+
+
 def _later(obeyed: Float[np.ndarray, "record candidate"], records: int) -> Float[np.ndarray, "record candidate"]:
     """Delayed by a number of records, zero before."""
     return np.concatenate([np.zeros((records, obeyed.shape[1])), obeyed[: len(obeyed) - records]])
@@ -468,7 +480,7 @@ def _later(obeyed: Float[np.ndarray, "record candidate"], records: int) -> Float
 def _unexplained(
     rate: Float[np.ndarray, " record"], obeyed: Float[np.ndarray, "record candidate"]
 ) -> Float[np.ndarray, " candidate"]:
-    """Share of the yaw rate's variance that no gain and bias explain."""
+    """Share of the yaw rate's variance that no gain explains."""
     x, y = obeyed - obeyed.mean(axis=0), rate - rate.mean()
     explained = (y @ x) ** 2 / np.maximum(np.sum(x * x, axis=0) * (y @ y), 1e-30)
     return np.asarray(1.0 - explained)

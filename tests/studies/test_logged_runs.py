@@ -1,6 +1,7 @@
 """Studies of logged runs through ``lgprjax tune``: tracking, the loop, the look-ahead; wrong logs and held-out ones."""
 
 import json
+import shutil
 import struct
 from pathlib import Path
 
@@ -48,7 +49,10 @@ _ALL_LOGS = (*_LOGS, "first", "run")
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Drives by the autopilot, and calibration drives."""
-    folder = tmp_path_factory.mktemp("logged")
+    base = tmp_path_factory.mktemp("logged")
+    shutil.copytree(_TUNING, base / "tuning")
+    # Where the shipped studies look for them.
+    folder = base / "out" / "drives"
     driven = ("first", "second", "held_out")
     assert run("simulate", _TUNING / "tracking_drives.toml", "-o", folder, "--only", *driven) == 0
     assert run("simulate", _TUNING / "drives.toml", "-o", folder, "--only", *_LOGS) == 0
@@ -62,6 +66,11 @@ def recorded(logs: Path) -> np.ndarray:
     return write_run_of(logs / "second", logs / "run")
 
 
+def shipped(logs: Path, name: str) -> Path:
+    """A study as it is shipped, beside the drives."""
+    return logs.parents[1] / "tuning" / f"{name}.toml"
+
+
 def study(kind: str, logs: Path, *names: str, held_out: tuple[str, ...] = (), **options: object) -> Study:
     fit, judge = (tuple(logs / f"{name}.drive.h5" for name in group) for group in (names, held_out))
     return Study(Path("s.toml"), kind, kind, _VEHICLE, None, fit, judge, options)  # type: ignore[arg-type]
@@ -69,7 +78,7 @@ def study(kind: str, logs: Path, *names: str, held_out: tuple[str, ...] = (), **
 
 @pytest.fixture(scope="module")
 def loop(logs: Path) -> FinishedStudy:
-    return run_study(study("loop", logs, "first", "second", held_out=("held_out",)))
+    return run_study(read_study(shipped(logs, "loop")))
 
 
 def test_the_loop_of_ordinary_drives_is_that_of_the_vehicle(loop: FinishedStudy) -> None:
@@ -93,12 +102,9 @@ def test_the_loop_of_ordinary_drives_is_that_of_the_vehicle(loop: FinishedStudy)
 
 
 def test_tracking_is_that_of_the_truth(logs: Path, tmp_path: Path) -> None:
-    (tmp_path / "t.toml").write_text(
-        f'name = "t"\nkind = "tracking"\nvehicle = "{_VEHICLE}"\nlogs = ["{logs / "second.drive.h5"}"]\n'
-    )
-    assert run("tune", tmp_path / "t.toml", "-o", tmp_path / "out", "--json", tmp_path / "t.json") == 0
+    assert run("tune", shipped(logs, "tracking"), "-o", tmp_path / "out", "--json", tmp_path / "t.json") == 0
     # Nothing of the vehicle was found: there is no new file of it.
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"t.tracking.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"tracking.tracking.png"}
     figures = {figure["name"]: figure for figure in json.loads((tmp_path / "t.json").read_text())["figures"]}
     plan = VehicleLog.open(logs / "second.drive.h5").plan
     assert plan is not None
@@ -111,12 +117,11 @@ def test_tracking_is_that_of_the_truth(logs: Path, tmp_path: Path) -> None:
 
 
 def test_the_look_ahead_comes_from_logs_with_its_interval(logs: Path, tmp_path: Path) -> None:
-    names = ", ".join(f'"{logs / name}.drive.h5"' for name in ("first", "second"))
-    (tmp_path / "l.toml").write_text(
-        f'name = "l"\nkind = "look_ahead"\nvehicle = "{_VEHICLE}"\nlogs = [{names}]\n'
-        '[options]\ndraws = 256\nsteps = 15\ncourses = ["line"]\n'
-    )
-    assert run("tune", tmp_path / "l.toml", "-o", tmp_path / "out", "--json", tmp_path / "l.json") == 0
+    whole = shipped(logs, "look_ahead_logs").read_text()
+    assert "draws = 4096 " in whole
+    quick = shipped(logs, "quick_look_ahead")
+    quick.write_text(whole.replace("draws = 4096 ", 'draws = 256\nsteps = 15\ncourses = ["line"] '))
+    assert run("tune", quick, "-o", tmp_path / "out", "--json", tmp_path / "l.json") == 0
     target = tmp_path / "out" / _VEHICLE.name
     assert check_file(target) == []
     pursuit = read_vehicle(target).pursuit
@@ -135,6 +140,19 @@ def test_the_look_ahead_comes_from_logs_with_its_interval(logs: Path, tmp_path: 
     unsettled = [note for note in table["notes"] if f"{SETTLED_M:g} m" in note]
     assert weak
     assert any("43%" in note for note in unsettled) == any(figure["high"] > SETTLED_M for figure in weak)
+
+
+def test_the_rear_map_of_a_constant_ratio_is_a_line(logs: Path) -> None:
+    found = run_study(read_study(shipped(logs, "rear_map"))).vehicle.rear_map
+    assert found is not None
+    front = found.first_rad + found.step_rad * np.arange(len(found.rear_rad))
+    np.testing.assert_allclose(found.rear_rad, 0.63 * front, atol=2e-3)
+
+
+def test_every_kind_of_study_has_an_example() -> None:
+    studies = [read_study(path) for path in _TUNING.glob("*.toml") if "logs = [" in path.read_text()]
+    kinds = {"rear_map" if each.options.get("method") == "rear_map" else each.kind for each in studies}
+    assert kinds == set(NEEDS)
 
 
 def test_every_kind_of_study_is_tried_on_every_kind_of_log() -> None:

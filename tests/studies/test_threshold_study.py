@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import struct
 from pathlib import Path
 
@@ -108,3 +109,16 @@ def test_what_tells_nothing_is_refused(
     vehicle, logs = changes.get("vehicle", VEHICLE), changes.get("logs", '["run"]')
     assert tune(tmp_path, swinging_drive(3, threshold_mps=0.3, records=300), vehicle=vehicle, logs=logs) == 1
     printed_refusal(capsys.readouterr().err).check(place, value)
+
+
+def test_the_example_study_reads_the_run_of_a_field(tmp_path: Path) -> None:
+    """The vehicle goes straight only while it is steered a little, and obeys."""
+    root = Path(__file__).parents[2]
+    for name in ("tuning", "onboard"):
+        shutil.copytree(root / name, tmp_path / name)
+    runs = tmp_path / "out" / "onboard" / "runs"
+    runs.mkdir(parents=True)
+    write_run(runs / "field", swinging_drive(4, threshold_mps=0.0, veer_radps=0.01))
+    assert run("tune", tmp_path / "tuning" / "threshold.toml", "-o", tmp_path / "out" / "tuned") == 0
+    (written,) = (tmp_path / "out" / "tuned").glob("*.vehicle.toml")
+    assert "skid_steer.threshold_mps" not in read_vehicle(written).found

@@ -6,7 +6,13 @@ import pytest
 from lgprjax.tuning import NotExcitedError, find_limit_cycle, fit_threshold
 from refusals import refused
 from tuning.swinging_drive import swinging_drive
-from validation.vehicles.limit_cycles import alarms_of_noise, check_obedient, check_thresholds, false_alarms
+from validation.vehicles.limit_cycles import (
+    alarms_of_noise,
+    check_obedient,
+    check_slipping,
+    check_thresholds,
+    false_alarms,
+)
 
 
 def test_a_swing_is_measured_and_one_that_dies_away_is_none() -> None:
@@ -41,6 +47,13 @@ def test_the_threshold_is_found_with_an_interval_that_holds_it(threshold_mps: fl
 def test_a_vehicle_that_obeys_has_none() -> None:
     # What noise alone makes significant in a log cut elsewhere is no threshold.
     check_obedient(4)
+
+
+@pytest.mark.parametrize("veer_radps", [0.005, 0.01, 0.02])
+def test_small_commands_against_a_slip_are_not_ignored_ones(veer_radps: float) -> None:
+    """A vehicle that obeys, and that only goes straight while it is steered a little."""
+    check_slipping(0.0, veer_radps, 3)
+    check_slipping(0.15, veer_radps, 1)
 
 
 def test_logs_that_say_nothing_are_refused() -> None:

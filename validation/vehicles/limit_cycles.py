@@ -51,3 +51,12 @@ def check_obedient(drives: int) -> None:
         drive = swinging_drive(seed, threshold_mps=0.0, bend_radpm=bends() if seed % 2 else None)
         for part in (drive, Drive(*(column[50:] for column in drive))):
             assert not fit_threshold(part.time_s, part.yaw_rad, part.turn_mps).found
+
+
+def check_slipping(threshold_mps: float, veer_radps: float, drives: int) -> None:
+    """Sides that slip unequally bring no threshold, and hide none."""
+    for seed in range(drives):
+        drive = swinging_drive(seed, threshold_mps=threshold_mps, veer_radps=veer_radps)
+        fit = fit_threshold(drive.time_s, drive.yaw_rad, drive.turn_mps)
+        assert fit.found == (threshold_mps > 0.0)
+        assert not fit.found or fit.threshold_mps.low <= threshold_mps <= fit.threshold_mps.high

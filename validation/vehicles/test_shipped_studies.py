@@ -16,9 +16,12 @@ _ROOT = Path(__file__).parents[2]
 def test_each_study_goes_on_with_the_file_of_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(_ROOT / "tuning", tmp_path / "tuning")
     monkeypatch.chdir(tmp_path)
-    (loop,) = re.findall(r"^for study in (.+); do$", Path("tuning/README.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert run("simulate", "tuning/drives.toml", "-o", "out/drives") == 0
-    for study in loop.split():
+    loop, more = re.findall(
+        r"^for study in (.+); do$", Path("tuning/README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    for drives in ("drives", "tracking_drives"):
+        assert run("simulate", f"tuning/{drives}.toml", "-o", "out/drives") == 0
+    for study in (*loop.split(), *more.split()):
         assert run("tune", f"tuning/{study}.toml", "-o", f"out/tuned/{study}") == 0, study
 
     (path,) = Path(f"out/tuned/{loop.split()[-1]}").glob("*.vehicle.toml")
