@@ -118,9 +118,9 @@ def test_tracking_is_that_of_the_truth(logs: Path, tmp_path: Path) -> None:
 
 def test_the_look_ahead_comes_from_logs_with_its_interval(logs: Path, tmp_path: Path) -> None:
     whole = shipped(logs, "look_ahead_logs").read_text()
-    assert "draws = 4096 " in whole
+    assert "draws = 1024 " in whole
     quick = shipped(logs, "quick_look_ahead")
-    quick.write_text(whole.replace("draws = 4096 ", 'draws = 256\nsteps = 15\ncourses = ["line"] '))
+    quick.write_text(whole.replace("draws = 1024 ", 'draws = 256\nsteps = 15\ncourses = ["line"] '))
     assert run("tune", quick, "-o", tmp_path / "out", "--json", tmp_path / "l.json") == 0
     target = tmp_path / "out" / _VEHICLE.name
     assert check_file(target) == []

@@ -26,7 +26,7 @@ def open_files(served: ServedPage) -> int:
 
 
 def test_connections_that_say_nothing(tmp_path: Path) -> None:
-    life_s = 4.0
+    life_s = 6.0
     with serve(tmp_path, http_life_s=life_s) as served, ExitStack() as opened:
         before = open_files(served)
         viewer = opened.enter_context(watch(served))
