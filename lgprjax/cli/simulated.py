@@ -169,7 +169,7 @@ def devices(spec: dict[str, Any], folder: Path) -> Iterator[dict[str, str]]:
     file = folder / "devices.json"
     file.write_text(json.dumps(spec, indent=1), encoding="utf-8")
     told = folder / "devices.log"
-    environment = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "OMP_NUM_THREADS": "1", **os.environ}
+    environment = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", **os.environ, "OMP_NUM_THREADS": "1"}
     # The simulation runs in real time: if permitted, its devices have priority over the runtime.
     first = ["chrt", "--fifo", str(_PRIORITY)] if _may_run_in_real_time() else []
     with told.open("w", encoding="utf-8") as log:

@@ -424,9 +424,9 @@ def fit_threshold(
     # Half-way between the commands given; a finer resolution is not observable.
     places = np.unique(np.linspace(0, len(sizes) - 1, _CANDIDATES).round().astype(int))
     candidates = np.append(0.0, 0.5 * (sizes[places][1:] + sizes[places][:-1]))
-    # A delay and a lag may change places: the lag's recursion runs once for all delays.
     slow = max(round(_SLOW_S / step_s), 3)
     rate = _quick(rate, slow)
+    # A delay and a lag may change places: the lag's recursion runs once for all delays.
     obeyed = [_quick(_obeyed(turn_mps[:-1], candidates, step_s, lag), slow) for lag in _LAGS_S]
     late = [round(delay / step_s) for delay in _DELAYS_S]
     left = np.array([[_unexplained(rate, _later(way, shift)) for way in obeyed] for shift in late])

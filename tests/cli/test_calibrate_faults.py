@@ -52,4 +52,6 @@ def test_a_step_by_hand_needs_no_radar_and_goes_on_after_an_override(kit: Calibr
     done = run("calibrate", vehicle, "--simulate", "--step", "half_turns")
     assert done.status == 0, (done.out[-500:], done.err[-500:])
     found = read_vehicle(vehicle).found["steering.encoder_counts_per_rad"]
-    assert float(found.low) <= DRIVEN_BEFORE.truth["steering.encoder_counts_per_rad"] <= float(found.high)  # type: ignore[arg-type]
+    assert isinstance(found.low, float)
+    assert isinstance(found.high, float)
+    assert found.low <= DRIVEN_BEFORE.truth["steering.encoder_counts_per_rad"] <= found.high

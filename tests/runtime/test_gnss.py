@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pynmeagps import NMEAMessage
 from pyubx2 import GET, UBXMessage
 
-from lgprjax.runtime.gnss import GnssParser, GnssSample, Quality, read_gnss
+from lgprjax.runtime.gnss import GnssParser, GnssSample, Quality, is_position, read_gnss
 from lgprjax.runtime.stamps import GnssTimeScale
 from lgprjax.wire import KEPT, RefusalReason, RefusedBytes
 
@@ -58,6 +58,7 @@ def _read(raw: bytes) -> GnssSample:
     sample = read_gnss(raw)
     assert sample is not None
     assert [part is None for part in sample[1:]].count(False) == 1
+    assert is_position(raw) == (sample.position is not None)
     return sample
 
 
