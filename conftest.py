@@ -13,6 +13,7 @@ from pathlib import Path
 
 import jax
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from canon.arithmetic import ONE_ARITHMETIC
 from canon.course import make_course_run
@@ -91,6 +92,18 @@ def few_programs() -> Iterator[None]:
     mappings = Path("/proc/self/maps")
     if mappings.exists() and len(mappings.read_bytes().splitlines()) > _MOST_MAPPINGS:
         jax.clear_caches()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def plain_pictures(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Pictures of commands are drawn without a layout, which takes longer than all else, but where pictures are tested.
+
+    Commands that tests start as programs lay them out.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if not any(f"/{folder}/" in request.path.as_posix() for folder in ("report", "validation")):
+            patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 
 import validation.__main__ as validations
-from validation.__main__ import RUNTIME_TYPES, VALIDATIONS, results_in
+from validation.__main__ import LONG, RUNTIME_TYPES, VALIDATIONS, results_in
 
 
 def test_every_folder_is_a_validation() -> None:
     folders = {path.parent.name for path in (validations.ROOT / "validation").glob("*/test_*.py")}
-    assert folders | {RUNTIME_TYPES} == VALIDATIONS.keys()
+    assert folders | {LONG, RUNTIME_TYPES} == VALIDATIONS.keys()
 
 
 def test_the_last_whole_result_of_this_source_counts(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 STATE = ROOT / "build" / "validation"
 RECORDS = ROOT / "docs" / "records" / "validation"
 RUNTIME_TYPES = "runtime_types"
+LONG = "long"
 _NOTHING_RAN = 5
 """Exit status of pytest."""
 # What runs a hundred times a tick and has no arrays is left out.
@@ -49,6 +50,7 @@ VALIDATIONS = {
     "filters": Validation("consistency of navigation filters, smoothers and the pose graph over many drives", 6),
     "first_day": Validation("three vehicles on a mile: recorded, calibrated, driven by RTK and by LGPR in snow", 120),
     "full_wave": Validation("generated echoes and lines against gprMax", 20, "LGPRJAX_GPRMAX"),
+    LONG: Validation("tests beside those of the suite that need longer than others of their kind", 25),
     "loops": Validation("closed loops, faults on board and killed recorders in full length", 500),
     "notebooks": Validation("every notebook runs from a fresh clone", 15),
     RUNTIME_TYPES: Validation("the test suite with shapes and types of arguments checked at run time", 40),
@@ -96,7 +98,9 @@ def run(name: str, source: str, extra: list[str]) -> bool:
     paths = [str(ROOT / "validation" / name)]
     if name == RUNTIME_TYPES:
         checked = ",".join(f"lgprjax.{room}" for room in TYPED)
-        paths = [str(ROOT / "tests"), f"--jaxtyping-packages={checked},beartype.beartype"]
+        paths = [str(ROOT / "tests"), "-m=long or not long", f"--jaxtyping-packages={checked},beartype.beartype"]
+    elif name == LONG:
+        paths = [str(ROOT / "tests"), "-m=long"]
     begun = time.time()
     # The command of pytest leaves the source tree out of the path: what is validated is the installed package.
     command = [str(Path(sys.executable).parent / "pytest"), *paths, "-s", *extra]

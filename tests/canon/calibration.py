@@ -4,6 +4,7 @@ The whole first day, with the palm tree and the turning tests, is driven by ``ma
 """
 
 import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -95,6 +96,9 @@ front_rad = [{(2.2 - 1.3) / 1.6}, 0.0, {(2.2 - 3.1) / 1.6}]
 """
 )
 
+KIT_FILE = Path(__file__).with_name("kit.vehicle.toml")
+"""The file of this kit after all steps: ``make validation NAME=long`` drives them, and compares."""
+
 ARRAY_X_M = 6.2
 
 _FILE = """schema = "lgprjax.vehicle"
@@ -148,12 +152,26 @@ def write_kit(folder: Path, kit: Kit = SHORT, script: str = "") -> Path:
     return path
 
 
-def calibrated(factory: pytest.TempPathFactory) -> Calibrated:
-    """The kit after all steps that were due; made once a session. Not to be changed."""
+def calibrated(factory: pytest.TempPathFactory, *, but_steering: bool = False) -> Calibrated:
+    """The kit after all steps that were due; made once a session. Not to be changed.
+
+    Args:
+        factory: of the session.
+        but_steering: all but the steering's steps were done before (``KIT_FILE``), which were then forgotten.
+    """
 
     def make(folder: Path) -> None:
-        done = run("calibrate", write_kit(folder, DRIVEN_BEFORE), "--simulate")
+        vehicle = write_kit(folder, DRIVEN_BEFORE)
+        if but_steering:
+            vehicle.write_text(without_steering(KIT_FILE.read_text(encoding="utf-8")), encoding="utf-8")
+        done = run("calibrate", vehicle, "--simulate")
         assert done.status == 0, (done.out[-2000:], done.err[-2000:])
 
-    folder = shared_folder(factory, "calibrated", make)
+    folder = shared_folder(factory, "calibrated_steering" if but_steering else "calibrated", make)
     return Calibrated(folder / "kit.vehicle.toml", folder / "calibration" / "kit")
+
+
+def without_steering(text: str) -> str:
+    """A vehicle file in which a number of the steering's steps is open again."""
+    text = re.sub(r"^dead_band_rad = .*\n", "", text, flags=re.M)
+    return re.sub(r'\[found."steering.dead_band_rad"\]\n(.+\n)+', "", text)

@@ -1,7 +1,6 @@
 """A new vehicle is calibrated by prompts: hidden numbers, files, order, interruption, refusals."""
 
 import json
-import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canon.calibration import DRIVEN_BEFORE, Calibrated, calibrated, write_kit
+from canon.calibration import DRIVEN_BEFORE, KIT_FILE, Calibrated, calibrated, without_steering, write_kit
 from canon.commands import run, succeed
 from lgprjax.formats import VehicleLog, flat_keys, read_run, read_vehicle
 from lgprjax.run_records import PLAN, Record, RecordKind, Source, unpack
@@ -17,21 +16,45 @@ from lgprjax.wire import decode
 
 
 @pytest.fixture(scope="module")
-def kit(tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
     """After all steps."""
     return calibrated(tmp_path_factory)
 
 
+@pytest.fixture(scope="module")
+def kit(tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
+    """After the steering's steps; the others were done before."""
+    return calibrated(tmp_path_factory, but_steering=True)
+
+
 @pytest.fixture
-def again(kit: Calibrated, tmp_path: Path) -> Path:
+def again(tmp_path: Path) -> Path:
     """The calibrated vehicle with its configuration, to be changed. Returns the vehicle file."""
     write_kit(tmp_path)
-    return Path(shutil.copy(kit.vehicle, tmp_path / "kit.vehicle.toml"))
+    return Path(shutil.copy(KIT_FILE, tmp_path / "kit.vehicle.toml"))
 
 
-def test_the_numbers_of_a_hidden_vehicle_are_inside_their_intervals(kit: Calibrated) -> None:
-    found, truths = read_vehicle(kit.vehicle).found, DRIVEN_BEFORE.truth
+@pytest.mark.long
+def test_the_numbers_of_a_hidden_vehicle_are_inside_their_intervals(whole: Calibrated) -> None:
+    found, truths = read_vehicle(whole.vehicle).found, DRIVEN_BEFORE.truth
     assert set(truths) <= set(found)
+    held = read_vehicle(KIT_FILE).found
+    assert set(held) == set(found)
+    assert all(found[path].low <= held[path].high and held[path].low <= found[path].high for path in truths)
+    check_intervals(whole, truths)
+
+
+def test_the_steerings_numbers_are_inside_their_intervals(kit: Calibrated) -> None:
+    told = read_vehicle(kit.vehicle).found
+    assert set(told) == set(read_vehicle(KIT_FILE).found)
+    truths = {path: truth for path, truth in DRIVEN_BEFORE.truth.items() if told[path].study == "servo"}
+    assert len(truths) == 4
+    check_intervals(kit, truths)
+
+
+def check_intervals(kit: Calibrated, truths: dict[str, float]) -> None:
+    """Intervals hold the truth, and say something."""
+    found = read_vehicle(kit.vehicle).found
     outside = []
     for path, truth in truths.items():
         low, high = found[path].low, found[path].high
@@ -56,27 +79,33 @@ def test_nothing_is_open_afterwards_and_what_is_assumed_is_named(kit: Calibrated
     succeed("check", kit.vehicle)
 
 
-def test_each_step_leaves_its_drive_log_and_pictures(kit: Calibrated) -> None:
+@pytest.mark.long
+def test_each_step_leaves_its_drive_log_and_pictures(whole: Calibrated) -> None:
     steps = ["straight", "half_turns", "steering", "pedals"]
     for step in steps:
-        succeed("check", kit.folder / f"{step}.drive.h5")
-    drawn = {path.name.split(".")[0] for path in kit.folder.glob("*.png")}
+        succeed("check", whole.folder / f"{step}.drive.h5")
+    drawn = {path.name.split(".")[0] for path in whole.folder.glob("*.png")}
     assert drawn == {*steps, "look_ahead"}
+    assert not list(whole.folder.glob("scratch*"))
+
+
+def test_a_step_leaves_its_drive_log_and_picture(kit: Calibrated) -> None:
+    succeed("check", kit.folder / "steering.drive.h5")
+    assert {path.name.split(".")[0] for path in kit.folder.glob("*.png")} == {"steering"}
     assert not list(kit.folder.glob("scratch*"))
 
 
-def test_hands_alone_move_the_vehicle_in_the_steps_that_are_driven(kit: Calibrated) -> None:
-    (folder,) = kit.folder.glob("half_turns-*")
-    assert not [1 for _, data in read_run(folder) if unpack(data).kind is RecordKind.PORT_OUT]
-
-
-def test_commanded_steps_stay_within_their_limits(kit: Calibrated) -> None:
+def test_the_steering_step_stays_within_its_limits(kit: Calibrated) -> None:
     (folder,) = kit.folder.glob("steering-*")
     plans = np.array([np.frombuffer(r.payload, PLAN)[0] for r in _records(folder) if r.kind is RecordKind.PLAN], PLAN)
     assert np.abs(plans["command"][:, 0]).max() <= 0.2 + 1e-6
     assert not plans["command"][:, 1:].any()
     assert set(plans["engage"].tolist()) <= {0, 1}
-    log = VehicleLog.open(kit.folder / "pedals.drive.h5")
+
+
+@pytest.mark.long
+def test_the_pedal_step_stays_within_its_limits(whole: Calibrated) -> None:
+    log = VehicleLog.open(whole.folder / "pedals.drive.h5")
     assert log.vehicle is not None
     throttle, brake = log.vehicle["throttle"], log.vehicle["brake"]
     assert not np.any((throttle > 0.0) & (brake > 0.0))
@@ -91,7 +120,7 @@ def test_commanded_steps_stay_within_their_limits(kit: Calibrated) -> None:
     assert np.flatnonzero(brake > 0.0)[0] < np.flatnonzero(throttle > 0.0)[0]
 
 
-@pytest.mark.parametrize("step", ["steering", "pedals"])
+@pytest.mark.parametrize("step", ["steering", pytest.param("pedals", marks=pytest.mark.long)])
 def test_override_in_the_middle_ends_it_and_the_step_is_repeated(again: Path, step: str) -> None:
     script = 'script = [{ at_s = 12.0, do = "press", button = "override" }]\n'
     before = again.read_bytes()
@@ -124,9 +153,7 @@ def _records(folder: Path) -> Iterator[Record]:
 
 
 def test_a_calibration_goes_on_with_what_is_left(again: Path) -> None:
-    text = again.read_text(encoding="utf-8")
-    without = re.sub(r"^dead_band_rad = .*\n", "", text, flags=re.M)
-    again.write_text(re.sub(r'\[found."steering.dead_band_rad"\]\n(.+\n)+', "", without), encoding="utf-8")
+    again.write_text(without_steering(again.read_text(encoding="utf-8")), encoding="utf-8")
     said = succeed("calibrate", again, "--list")
     assert said.rstrip().endswith("due: steering")
 

@@ -6,20 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canon.calibration import DRIVEN_BEFORE, Calibrated, calibrated, write_kit
+from canon.calibration import DRIVEN_BEFORE, KIT_FILE, calibrated, write_kit
 from canon.commands import run, succeed
-from lgprjax.formats import VehicleLog, read_vehicle
+from lgprjax.formats import VehicleLog, read_run, read_vehicle
+from lgprjax.run_records import RecordKind, unpack
 
 
-@pytest.fixture(scope="module")
-def kit(tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
-    """After all steps."""
-    return calibrated(tmp_path_factory)
-
-
-@pytest.mark.parametrize("step", ["straight", "half_turns", "steering", "pedals"])
-def test_what_was_recorded_before_a_power_cut_is_kept(kit: Calibrated, tmp_path: Path, step: str) -> None:
+@pytest.mark.parametrize(
+    "step", ["steering", *(pytest.param(step, marks=pytest.mark.long) for step in ("straight", "half_turns", "pedals"))]
+)
+def test_what_was_recorded_before_a_power_cut_is_kept(
+    tmp_path_factory: pytest.TempPathFactory, tmp_path: Path, step: str
+) -> None:
     """The newest segment ends in the middle of a record; what comes before is a drive log like that of the whole."""
+    kit = calibrated(tmp_path_factory, but_steering=step == "steering")
     (whole,) = kit.folder.glob(f"{step}-*")
     folder = tmp_path / whole.name
     shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.h5", "*.npz"))
@@ -42,16 +42,19 @@ def test_what_was_recorded_before_a_power_cut_is_kept(kit: Calibrated, tmp_path:
         np.testing.assert_array_equal(found[name], due[name][:records])
 
 
-def test_a_step_by_hand_needs_no_radar_and_goes_on_after_an_override(kit: Calibrated, tmp_path: Path) -> None:
+def test_a_step_by_hand_needs_no_radar_and_goes_on_after_an_override(tmp_path: Path) -> None:
     script = 'script = [{ at_s = 20.0, do = "press", button = "override" }]\n'
     vehicle = write_kit(tmp_path, script=script)
     config = tmp_path / "kit.run.toml"
     unplugged = config.read_text(encoding="utf-8").replace("[sensors]", 'radar = { url = "/dev/absent" }\n[sensors]', 1)
     config.write_text(unplugged, encoding="utf-8")
-    shutil.copy(kit.vehicle, vehicle)
+    shutil.copy(KIT_FILE, vehicle)
     done = run("calibrate", vehicle, "--simulate", "--step", "half_turns")
     assert done.status == 0, (done.out[-500:], done.err[-500:])
     found = read_vehicle(vehicle).found["steering.encoder_counts_per_rad"]
     assert isinstance(found.low, float)
     assert isinstance(found.high, float)
     assert found.low <= DRIVEN_BEFORE.truth["steering.encoder_counts_per_rad"] <= found.high
+    # Hands alone move the vehicle.
+    (folder,) = (tmp_path / "calibration" / "kit").glob("half_turns-*")
+    assert not [1 for _, data in read_run(folder) if unpack(data).kind is RecordKind.PORT_OUT]

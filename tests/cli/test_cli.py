@@ -194,19 +194,19 @@ def test_every_command_ends_with_its_result_and_a_command_that_there_is(story: S
 
 
 def test_another_drive_into_the_same_folder_loses_nothing_of_the_first(story: Story) -> None:
-    for number in (3, 5):  # and once more by force
+    for number in (2, 4):  # and once more by force
         wrote = story.step("register", number).wrote
-        assert {"few/impostor.fixes.h5", "few/summary.json", "few/report.html"} <= wrote
-        assert not [name for name in wrote if name.startswith("few/rain")]
-    (alone,) = json.loads(story.step("register", 3).done.out)
+        assert {"forced/impostor.fixes.h5", "forced/summary.json", "forced/report.html"} <= wrote
+        assert not [name for name in wrote if name.startswith("forced/live")]
+    (alone,) = json.loads(story.step("register", 2).done.out)
     assert alone["name"] == "impostor"
     assert alone["ok"] == 0
-    assert [entry["name"] for entry in json.loads((story.folder / "few/summary.json").read_text())] == [
-        *("rain", "impostor")
+    assert [entry["name"] for entry in json.loads((story.folder / "forced/summary.json").read_text())] == [
+        *("live", "impostor")
     ]
-    page = (story.folder / "few/report.html").read_text(encoding="utf-8")
-    assert all(page.count(f"<h2>{name} on ") == 1 for name in ("rain", "impostor"))
-    assert story.step("register", 4).done.refusal.file.endswith("impostor.fixes.csv")
+    page = (story.folder / "forced/report.html").read_text(encoding="utf-8")
+    assert all(page.count(f"<h2>{name} on ") == 1 for name in ("live", "impostor"))
+    assert story.step("register", 3).done.refusal.file.endswith("impostor.fixes.csv")
 
 
 @pytest.mark.parametrize("verb", ["map", "register", "export"])

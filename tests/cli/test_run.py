@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from canon.calibration import SHORT, calibrated
+from canon.calibration import KIT_FILE, SHORT
 from canon.commands import run, succeed
 from canon.first_day import first_day, wrong_fixes
 from canon.map import built_with_many_grounds
@@ -43,11 +43,10 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     The map's chance is the pooled one of many grounds: measuring its own takes longer than the runs.
     """
-    kit = calibrated(tmp_path_factory)
 
     def make(folder: Path) -> None:
         with built_with_many_grounds():
-            first_day(folder, SHORT, 60.0, calibrate=lambda to: shutil.copy(kit.vehicle, to / "kit.vehicle.toml"))
+            first_day(folder, SHORT, 60.0, calibrate=lambda to: shutil.copy(KIT_FILE, to / "kit.vehicle.toml"))
 
     return shared_folder(tmp_path_factory, "first_day", make)
 
