@@ -218,6 +218,7 @@ def test_own_thresholds_take_the_place_of_the_risk(site: Site, single: Replay) -
         np.testing.assert_allclose(np.median(wide / usual), (2.0 / source.chance.sigma_scale) ** 2, rtol=0.1)
 
 
+@pytest.mark.long
 def test_a_swarm_finishes_as_well(site: Site) -> None:
     options = RegisterOptions(search_m=1.5, swarm=SwarmConfig(24, 8))
     drive, again, usual = (tried(site, each, 250) for each in (options, options, RegisterOptions(search_m=1.5)))

@@ -43,6 +43,7 @@ def test_one_worker_compiles_with_its_first_drives_and_all_is_kept(short: Short)
     }
 
 
+@pytest.mark.long
 def test_two_workers_one_of_them_killed_give_the_same_bits(short: Short, tmp_path: Path) -> None:
     run = run_in(short, tmp_path / "two")
     names = [path.name.removesuffix(".drive.h5") for path in short.drives]

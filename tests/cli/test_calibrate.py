@@ -40,7 +40,11 @@ def test_the_numbers_of_a_hidden_vehicle_are_inside_their_intervals(whole: Calib
     assert set(truths) <= set(found)
     held = read_vehicle(KIT_FILE).found
     assert set(held) == set(found)
-    assert all(found[path].low <= held[path].high and held[path].low <= found[path].high for path in truths)
+    for path in truths:
+        values = (found[path].low, held[path].high, held[path].low, found[path].high)
+        low, held_high, held_low, high = (float(str(value)) for value in values)
+        assert low <= held_high, path
+        assert held_low <= high, path
     check_intervals(whole, truths)
 
 
