@@ -47,7 +47,7 @@ coverage: $(VENV)/.test
 	$(PIP) install --constraint constraints.txt coverage
 	mkdir -p build
 	$(BIN)/coverage run --branch --data-file=build/coverage \
-	  --include="$$(printf '*/lgprjax/%s/*,' $(ROOMS))" -m pytest -q $(addprefix tests/,$(ROOMS)) tests/batch tests/mapping \
+	  --include="$$(printf '*/lgprjax/%s/*,' $(ROOMS))" -m pytest -q -m 'long or not long' $(addprefix tests/,$(ROOMS)) tests/batch tests/mapping \
 	  tests/simulation tests/runtime/test_on_board.py tests/runtime/test_field.py
 	$(BIN)/coverage report --data-file=build/coverage --skip-covered --sort=cover --fail-under=95
 

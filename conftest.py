@@ -96,12 +96,13 @@ def few_programs() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def plain_pictures(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Pictures of commands are drawn without a layout, which takes longer than all else, but where pictures are tested.
+    """Draw pictures without laying them out, which takes longer than the commands themselves.
 
-    Commands that tests start as programs lay them out.
+    Tests of pictures, validations, and commands that run as programs of their own lay them out.
     """
+    root, *rooms = request.path.relative_to(request.config.rootpath).parts
     with pytest.MonkeyPatch.context() as patch:
-        if not any(f"/{folder}/" in request.path.as_posix() for folder in ("report", "validation")):
+        if root != "validation" and rooms[0] != "report":
             patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
         yield
 

@@ -209,7 +209,6 @@ def test_one_scan_is_matched_as_among_others(batch: Batch) -> None:
     np.testing.assert_allclose(lx.match(alone).pose[0], lx.match(batch).pose[2], atol=1e-4)
 
 
-@pytest.mark.long
 def test_gradients_of_a_match_are_what_it_does(batch: Batch) -> None:
     coefficients = batch.scans.coefficients
     rng = np.random.default_rng(0)

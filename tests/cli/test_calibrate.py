@@ -45,7 +45,8 @@ def test_the_numbers_of_a_hidden_vehicle_are_inside_their_intervals(whole: Calib
         low, held_high, held_low, high = (float(str(value)) for value in values)
         assert low <= held_high, path
         assert held_low <= high, path
-    check_intervals(whole, truths)
+    # Of 20 intervals of 95 %, one is outside on average.
+    check_intervals(whole, truths, most_outside=2)
 
 
 def test_the_steerings_numbers_are_inside_their_intervals(kit: Calibrated) -> None:
@@ -53,11 +54,12 @@ def test_the_steerings_numbers_are_inside_their_intervals(kit: Calibrated) -> No
     assert set(told) == set(read_vehicle(KIT_FILE).found)
     truths = {path: truth for path, truth in DRIVEN_BEFORE.truth.items() if told[path].study == "servo"}
     assert len(truths) == 4
-    check_intervals(kit, truths)
+    # Two of four intervals of 95 % are outside in one of seventy vehicles.
+    check_intervals(kit, truths, most_outside=1)
 
 
-def check_intervals(kit: Calibrated, truths: dict[str, float]) -> None:
-    """Intervals hold the truth, and say something."""
+def check_intervals(kit: Calibrated, truths: dict[str, float], most_outside: int) -> None:
+    """All intervals but a few hold the truth, none is far from it, and each says something."""
     found = read_vehicle(kit.vehicle).found
     outside = []
     for path, truth in truths.items():
@@ -68,8 +70,7 @@ def check_intervals(kit: Calibrated, truths: dict[str, float]) -> None:
         # An interval that says nothing contains everything.
         assert high - low < 0.25 * abs(truth) + 0.06, path
         assert abs(0.5 * (low + high) - truth) < high - low, path
-    # Of 20 intervals of 95 %, one is outside on average.
-    assert len(outside) <= 2, outside
+    assert len(outside) <= most_outside, outside
 
 
 def test_nothing_is_open_afterwards_and_what_is_assumed_is_named(kit: Calibrated) -> None:

@@ -21,7 +21,6 @@ def driven(name: str, folder: Path, for_s: int) -> Path:
     return next((folder / "runs").iterdir())
 
 
-@pytest.mark.long
 def test_a_field_by_remote_control(tmp_path: Path) -> None:
     folder = driven("hand_driven", tmp_path, 38)
     told = json.loads(succeed("run", folder / "simulated.run.toml", "--replay", folder, "--json", "-"))

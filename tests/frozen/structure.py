@@ -20,7 +20,7 @@ FILES = {
     "map info": "info.json",
     "fixes": "default/live.fixes.h5",
     "fixes, table": "default/live.fixes.csv",
-    "summary of a registration": "forced.json",
+    "summary of a registration": "forced/summary.json",
     "table of many drives": "default/archive.csv",
     "figures of many drives": "default/archive.json",
     "findings of a check": "check.json",

@@ -20,7 +20,7 @@ from runtime.overlapping import LANE_M, Overlapping, drive_overlapping, of_shape
 
 @pytest.mark.parametrize(
     ("shape", "number", "by_buttons"),
-    [("out and back", 0, False), ("out and back", 1, True), pytest.param("eight", 1, False, marks=pytest.mark.long)],
+    [("out and back", 0, False), ("out and back", 1, True), ("eight", 1, False)],
     ids=["out", "back", "second passage"],
 )
 def test_the_chosen_place_is_driven_to_the_end_and_never_the_wrong_way(

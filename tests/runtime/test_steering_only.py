@@ -176,7 +176,6 @@ def test_its_limiter_lets_no_pedal_be_pressed(kit: Loaded) -> None:
     ] * 3
 
 
-@pytest.mark.long
 def test_the_end_of_the_route_is_a_hand_over(ways: dict[float, Moment]) -> None:
     after = follow(ways[70.0], 60.0, script=[{"do": "drive", "speed_mps": 2.0}])
     assert after.loop.mode is Mode.MANUAL, after.told

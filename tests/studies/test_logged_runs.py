@@ -116,7 +116,6 @@ def test_tracking_is_that_of_the_truth(logs: Path, tmp_path: Path) -> None:
     assert not [name for name in figures if "limit cycle" in name]
 
 
-@pytest.mark.long
 def test_the_look_ahead_comes_from_logs_with_its_interval(logs: Path, tmp_path: Path) -> None:
     whole = shipped(logs, "look_ahead_logs").read_text()
     assert "draws = 1024 " in whole

@@ -116,7 +116,6 @@ def test_a_live_map_that_is_full_says_so_and_keeps_what_it_has(
     assert live.grid.north_cells * live.grid.east_cells <= 2 * live._side**2
 
 
-@pytest.mark.long
 def test_a_run_without_a_plan_counts_for_a_plan_made_later(driven: HandDriven) -> None:
     """Its positions are in a frame of their own, and the plan in another."""
     plan = open_cover_plan(driven.run.parent / "small.cover.geojson")
