@@ -50,7 +50,7 @@ VALIDATIONS = {
     "filters": Validation("consistency of navigation filters, smoothers and the pose graph over many drives", 6),
     "first_day": Validation("three vehicles on a mile: recorded, calibrated, driven by RTK and by LGPR in snow", 120),
     "full_wave": Validation("generated echoes and lines against gprMax", 20, "LGPRJAX_GPRMAX"),
-    LONG: Validation("tests marked long, of which the suite runs shorter ones of the same kind", 25),
+    LONG: Validation("tests marked long, of which the suite runs shorter ones of the same kind", 3),
     "loops": Validation("closed loops, faults on board and killed recorders in full length", 500),
     "notebooks": Validation("every notebook runs from a fresh clone", 15),
     RUNTIME_TYPES: Validation("the test suite with shapes and types of arguments checked at run time", 40),
