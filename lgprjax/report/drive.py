@@ -24,11 +24,11 @@ from lgprjax.report.style import (
     ORANGE,
     SKY,
     VERMILLION,
-    exaggeration,
     label_decades,
     picture,
     runs_of,
     write_caption,
+    write_stretch_caption,
 )
 from lgprjax.report.summary import WRONG_M
 
@@ -129,7 +129,7 @@ def draw_plan(
 
 
 def name_axes(axes: Axes, result: DriveResult, frame: PlanFrame) -> str:
-    """Label the axes after the layout; return a sentence for the caption."""
+    """Label the axes; return a sentence for the caption."""
     anchor = f"{result.origin[0]:.6f}°, {result.origin[1]:.6f}°"
     if not frame.along_road:
         axes.set_xlabel("east (m)")
@@ -140,7 +140,7 @@ def name_axes(axes: Axes, result: DriveResult, frame: PlanFrame) -> str:
     axes.set_ylabel("left (m)")
     return (
         f"Plan: along and left of the road from east {frame.centre[0]:.2f} m, north {frame.centre[1]:.2f} m about "
-        f"latitude, longitude {anchor}; across drawn ×{exaggeration(axes):.1f}."
+        f"latitude, longitude {anchor}."
     )
 
 
@@ -214,9 +214,11 @@ def draw_trajectory(result: DriveResult, path: str | Path, *, force: bool = Fals
         notes.append("Shaded: tried scans without an ok fix.")
         if result.gnss_gap is not None and result.gnss_gap.any():
             notes.append("Hatched at the bottom: GNSS/INS silent for a second, or its sigma three times its best.")
-        # Twice, because the caption states a stretch that its own height changes.
-        for _ in range(2):
-            write_caption(figure, " ".join([name_axes(plan, result, frame), *notes]))
+        caption = " ".join([name_axes(plan, result, frame), *notes])
+        if frame.along_road:
+            write_stretch_caption(plan, caption, "Across")
+        else:
+            write_caption(figure, caption)
 
 
 def _set_title(figure: Figure, result: DriveResult) -> None:

@@ -22,10 +22,10 @@ from lgprjax.report.style import (
     ORANGE,
     UNSCORED,
     VERMILLION,
-    exaggeration,
     outer_edges,
     picture,
     write_caption,
+    write_stretch_caption,
 )
 
 _LIMIT_PERCENTILE = 99.0
@@ -70,10 +70,7 @@ def draw_match(example: MatchExample, path: str | Path, *, force: bool = False) 
         )
         if example.window_m is not None:
             caption += " Box: scans of the fix."
-        # Twice, because the caption states a stretch that its own height changes.
-        for _ in range(2):
-            factor = exaggeration(grid[0, 0]) * 2.0 / example.wave_speed_m_per_ns
-            write_caption(figure, f"{caption} Depth drawn ×{factor:.1f}.")
+        write_stretch_caption(grid[0, 0], caption, "Depth", example.wave_speed_m_per_ns / 2.0)
 
 
 def _draw_strip(

@@ -26,11 +26,11 @@ from lgprjax.report.style import (
     PURPLE,
     SKY,
     VERMILLION,
-    exaggeration,
     outer_edges,
     picture,
     speed_text,
     write_caption,
+    write_stretch_caption,
 )
 
 LIMIT_PERCENTILE = 98.5
@@ -232,12 +232,10 @@ def _caption(figure: Figure, axes: Axes, view: LineView) -> None:
     text = caption_of(view)
     if view.plan is not None:
         text += f" Plan: metres from {view.plan.origin}."
-    # Twice, because the caption states a stretch that its own height changes.
-    for _ in range(2 if view.radargrams[0].in_metres else 1):
+    if view.radargrams[0].in_metres:
+        write_stretch_caption(axes, text, "Depth", view.wave_speed_m_per_ns / 2.0)
+    else:
         write_caption(figure, text)
-        if view.radargrams[0].in_metres:
-            factor = exaggeration(axes) * 2.0 / view.wave_speed_m_per_ns
-            write_caption(figure, f"{text} Depth drawn ×{factor:.2g}.")
 
 
 def _draw_plan(axes: Axes, plan: LinePlan) -> None:
@@ -464,9 +462,10 @@ def draw_map_slices(
         figure.colorbar(image, ax=panels, shrink=0.6, pad=0.01, label="RMS amplitude")
         figure.suptitle(f"Map {stations.name}: {_counted(len(np.unique(stations.baseline)))}")
         text = caption_of_slices(stations, slices, wave_speed_m_per_ns, speed_is)
-        write_caption(figure, text)
-        if not slices.equal:
-            write_caption(figure, f"{text} Across drawn ×{exaggeration(panels[0]):.2g}.")
+        if slices.equal:
+            write_caption(figure, text)
+        else:
+            write_stretch_caption(panels[0], text, "Across")
 
 
 def _height_in(slices: MapSlices) -> float:

@@ -98,15 +98,28 @@ def write_caption(figure: Figure, text: str) -> None:
     figure.supxlabel(textwrap.fill(text, width), x=0.01, ha="left", fontsize=9.0, color=MUTED)
 
 
-def exaggeration(axes: Axes) -> float:
-    """Drawn length of a vertical metre over that of a horizontal one, after laying the figure out."""
+def write_stretch_caption(axes: Axes, text: str, direction: str, metres_per_unit: float = 1.0) -> None:
+    """Set ``text`` under the picture, and how much longer a vertical metre is drawn in ``axes`` than a horizontal one.
+
+    Call it last: the figure is laid out here, once, and not again when it is written.
+
+    Args:
+        axes: the panel whose stretch is stated.
+        text: the caption's other sentences.
+        direction: name of the vertical, such as "Depth".
+        metres_per_unit: metres of one unit of the vertical axis.
+    """
     figure = axes.get_figure(root=True)
     assert figure is not None
+    # The layout needs the caption's height before the number is known: another one takes its place.
+    write_caption(figure, f"{text} {direction} drawn ×1.0.")
     layout = figure.get_layout_engine()
     assert layout is not None
     layout.execute(figure)
+    figure.set_layout_engine("none")
     box, (left, right), (bottom, top) = axes.get_window_extent(), axes.get_xlim(), axes.get_ylim()
-    return float(box.height / abs(top - bottom) / (box.width / abs(right - left)))
+    stretch = box.height / (abs(top - bottom) * metres_per_unit) / (box.width / abs(right - left))
+    write_caption(figure, f"{text} {direction} drawn ×{stretch:{'.1f' if stretch < 10.0 else '.0f'}}.")
 
 
 def outer_edges(centres: Float[np.ndarray, " cell"]) -> tuple[float, float]:
