@@ -110,7 +110,9 @@ TRAVEL_M = 1.5
 TRAVEL_SIGMAS = 10.0
 """Least length of a course, in metres and in sigmas of its positions."""
 TRAVEL_SHARE = 0.3
-"""Allowed difference between the distances of GNSS and of the odometer: a jump is no course."""
+"""Allowed difference between the distances of GNSS and of the odometer over a course."""
+JUMP_SIGMAS = 3.0
+"""Difference allowed from one position to the next, in addition to ``LEAP_M``; a jump begins a new course."""
 AGREES_RAD = math.radians(30.0)
 CONTRADICTS_RAD = math.radians(90.0)
 LONGEST_S = 20.0
@@ -132,6 +134,7 @@ class HeadingWatchState(NamedTuple):
         check: present status.
         history: odometer and heading of the last while.
         start: start of the course.
+        last: newest position.
         farthest_m: largest distance from there by odometer; turning back restarts.
         time_s: of the newest tick.
     """
@@ -139,6 +142,7 @@ class HeadingWatchState(NamedTuple):
     check: HeadingCheck = HeadingCheck.UNCONFIRMED
     history: tuple[Wheeled, ...] = ()
     start: Placed | None = None
+    last: Placed | None = None
     farthest_m: float = 0.0
     time_s: float = -math.inf
 
@@ -178,7 +182,7 @@ def step_heading_watch(
         state, check = _take_position(state, placed, check)
     state = state._replace(check=check)
     if check is HeadingCheck.CONFIRMED:
-        return state._replace(history=(), start=None), Watch(0)
+        return state._replace(history=(), start=None, last=None), Watch(0)
     contradicted = check is HeadingCheck.CONTRADICTED
     return state, Watch.HEADING_CONTRADICTED if contradicted else Watch.HEADING_UNCONFIRMED
 
@@ -187,9 +191,12 @@ def _take_position(
     state: HeadingWatchState, placed: Placed, check: HeadingCheck
 ) -> tuple[HeadingWatchState, HeadingCheck]:
     """Evaluate a position at the end of a course; then the next course begins."""
-    start, anew = state.start, state._replace(start=placed, farthest_m=0.0)
-    if start is None or not 0.0 <= placed.position.time_s - start.position.time_s <= LONGEST_S:
+    start, last, anew = state.start, state.last, state._replace(start=placed, last=placed, farthest_m=0.0)
+    if start is None or last is None or not 0.0 <= placed.position.time_s - start.position.time_s <= LONGEST_S:
         return anew, check
+    if _jumped(last, placed):
+        return anew, check
+    state = state._replace(last=placed)
     travel_m = placed.wheeled.odometer_m - start.wheeled.odometer_m
     if abs(travel_m) < state.farthest_m - 0.1:
         return anew, check
@@ -203,6 +210,14 @@ def _take_position(
     course = math.atan2(sign * north_m, sign * east_m)
     turned = wrap_rad(placed.wheeled.heading_rad - start.wheeled.heading_rad)
     return anew, _compare(check, course, start.wheeled.heading_rad + 0.5 * turned)
+
+
+def _jumped(last: Placed, now: Placed) -> bool:
+    """Whether GNSS moved otherwise than the wheels: back by twice the course, it would seem to be driven in reverse."""
+    gnss_m = math.hypot(now.position.x_m - last.position.x_m, now.position.y_m - last.position.y_m)
+    travel_m = abs(now.wheeled.odometer_m - last.wheeled.odometer_m)
+    noise_m = JUMP_SIGMAS * math.hypot(last.position.sigma_m, now.position.sigma_m)
+    return abs(gnss_m - travel_m) > LEAP_M + noise_m
 
 
 def _compare(check: HeadingCheck, course_rad: float, heading_rad: float) -> HeadingCheck:

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import shapely
 from jaxtyping import Array, Float
 from matplotlib.path import Path as Polygon
 
@@ -161,6 +162,44 @@ def test_beyond_the_fence_or_with_no_numbers_it_is_foretold() -> None:
     driving = WheelSpeeds(jnp.float32(0.5), jnp.float32(jnp.nan))
     at = VehiclePose(jnp.float32(5.0), jnp.float32(5.0), jnp.float32(0.0))
     assert bool(foretold(at, driving, sigma, SURE))
+
+
+def test_beside_a_field_and_within_a_keep_out_it_is_foretold_and_nowhere_else() -> None:
+    """A vehicle that stands on ground with two keep-outs, one larger and one smaller than it; judged by shapely."""
+    rings = (
+        NOTCHED * 2.0,
+        np.array([[2.0, 2.0], [8.0, 2.5], [7.0, 9.0]]),
+        np.array([[14.0, 4], [14.3, 4], [14.1, 4.3]]),
+    )
+    ground, fence = shapely.Polygon(rings[0], rings[1:]), pad_fence(*rings)
+    rng = np.random.default_rng(5)
+    poses = np.concatenate([rng.uniform(-6.0, 26.0, (4000, 2)), rng.uniform(-np.pi, np.pi, (4000, 1))], axis=1)
+
+    @jax.jit
+    def told(places: Float[Array, "place 3"]) -> Array:
+        standing = WheelSpeeds(SURE, SURE)
+        return jax.vmap(
+            lambda at: edge_ahead(RULES, fence, OUTLINE, jnp.float32(TRACK_M), VehiclePose(*at), standing, SURE, SURE)
+        )(places)
+
+    found = np.asarray(told(jnp.asarray(poses, jnp.float32)))
+    rectangles = np.array([shapely.Polygon(corners) for corners in _grown(poses, float(RULES.margin_m))])
+    allowed = shapely.contains(ground, rectangles)
+    clear = shapely.distance(ground.boundary, rectangles) > 1e-4
+    clear |= shapely.area(shapely.intersection(ground, rectangles)) < 0.999 * shapely.area(rectangles)
+    np.testing.assert_array_equal(found[clear], ~allowed[clear])
+    keep_out = shapely.contains(shapely.Polygon(rings[1]), rectangles)
+    assert keep_out.sum() > 20
+    assert found[keep_out].all()
+    assert allowed.sum() > 200
+
+
+def _grown(poses: Float[np.ndarray, "place 3"], margin_m: float) -> Float[np.ndarray, "place 4 2"]:
+    """Corners of the rectangle that holds the tool and the reference point, larger by a margin."""
+    front, rear, left, right = 1.35 + margin_m, -margin_m, 0.7 + margin_m, -0.5 - margin_m
+    x, y = np.array([front, rear, rear, front]), np.array([left, left, right, right])
+    cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    return np.stack([poses[:, :1] + cos * x - sin * y, poses[:, 1:2] + sin * x + cos * y], axis=-1)
 
 
 @pytest.mark.parametrize("sigma_yaw_deg", [0.2, 4.0])

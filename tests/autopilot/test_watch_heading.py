@@ -65,6 +65,14 @@ def test_too_short_a_way_a_leap_or_poor_positions_say_nothing(told: dict[str, fl
         assert bits == Watch.HEADING_UNCONFIRMED
 
 
+@pytest.mark.parametrize("leap_m", [*range(-8, 9), -3.3, -2.7])
+def test_a_jump_of_gnss_turns_no_heading_round(leap_m: float) -> None:
+    """Back by twice the way driven, positions look as if the vehicle had driven in reverse."""
+    for way_m in (2.0, 3.0, 4.5, 8.0):
+        assert drive(COURSE, leap_m=leap_m, way_m=way_m)[0].check is not HeadingCheck.CONTRADICTED
+        assert drive(COURSE + math.pi, leap_m=leap_m, way_m=way_m)[0].check is not HeadingCheck.CONFIRMED
+
+
 def test_an_angle_between_or_none_says_nothing() -> None:
     for off_deg in (60.0, math.nan):
         assert drive(COURSE + math.radians(off_deg))[0].check is HeadingCheck.UNCONFIRMED
