@@ -20,20 +20,20 @@ def drive(
     sigma_m: float = 0.01,
     fix_heading_rad: float | None = None,
 ) -> tuple[HeadingWatchState, Watch]:
-    """A straight way at 1 m/s; positions seven ticks apart, each two ticks old."""
+    """A straight way at 1 m/s, the odometer at 431 m; positions seven ticks apart, each one and a half ticks old."""
     state, bits = HeadingWatchState(), Watch(0)
     ticks = round(way_m / 0.02)
     for tick in range(ticks + 1):
         position = None
         if tick >= 2 and tick % 7 == 0:
-            at_m = 0.02 * (tick - 2) + (leap_m if tick > ticks // 2 else 0.0)
+            at_m = 0.02 * (tick - 1.5) + (leap_m if tick > ticks // 2 else 0.0)
             position = MonitoredPosition(
-                0.02 * (tick - 2), 500.0 + at_m * math.cos(COURSE), at_m * math.sin(COURSE), sigma_m
+                0.02 * (tick - 1.5), 500.0 + at_m * math.cos(COURSE), at_m * math.sin(COURSE), sigma_m
             )
         state, bits = step_heading_watch(
             state,
             time_s=0.02 * tick,
-            odometer_m=odometer_sign * 0.02 * tick,
+            odometer_m=431.0 + odometer_sign * 0.02 * tick,
             heading_rad=heading_rad,
             position=position,
             fix_heading_rad=fix_heading_rad,

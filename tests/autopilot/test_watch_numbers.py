@@ -91,13 +91,19 @@ def test_a_low_supply_is_found_engaged_or_not() -> None:
 
 
 def odometer(
-    ticks: int, *, gnss_mps: float, commanded_mps: float, thrust_mps2: float = 0.0, jump_m: float = 0.0
+    ticks: int,
+    *,
+    gnss_mps: float,
+    commanded_mps: float,
+    thrust_mps2: float = 0.0,
+    jump_m: float = 0.0,
+    back_at: int = 10_000,
 ) -> Watch:
-    """A straight way east by GNSS at 7 Hz and by the wheels."""
+    """A straight way east by GNSS at 7 Hz and by the wheels; GNSS jumps at tick 70, and back at another."""
     state, bits = OdometerWatchState(), Watch(0)
     for tick in range(ticks):
         at_s = 0.02 * tick
-        position = MonitoredPosition(at_s, gnss_mps * at_s + (jump_m if tick > 70 else 0.0), 0.0, 0.01)
+        position = MonitoredPosition(at_s, gnss_mps * at_s + (jump_m if 70 < tick <= back_at else 0.0), 0.0, 0.01)
         state, bits = step_odometer_watch(
             state,
             time_s=at_s,
@@ -132,7 +138,9 @@ def test_the_odometer_against_gnss(gnss_mps: float, commanded_mps: float, bit: W
 def test_a_jump_of_gnss_is_no_fault_of_the_odometer() -> None:
     for jump_m in (0.3, 3.0, 30.0):
         for ticks in range(71, 140, 14):
-            assert odometer(ticks, gnss_mps=2.0, commanded_mps=2.0, jump_m=jump_m) == Watch(0)
+            for back_at in (80, 90, 10_000):
+                found = odometer(ticks, gnss_mps=2.0, commanded_mps=2.0, jump_m=jump_m, back_at=back_at)
+                assert found == Watch(0)
 
 
 def test_without_gnss_throttle_tells_of_a_dead_odometer() -> None:

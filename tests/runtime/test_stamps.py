@@ -99,6 +99,18 @@ def test_one_leap_is_rejected_alone(leap_s: float, period_s: float) -> None:
     assert None not in device.run(50)
 
 
+def test_stamps_that_do_not_agree_are_no_new_clock() -> None:
+    device = _Device(0.02)
+    device.run(50)
+    for leap in range(1, 41):
+        # From the future, growing, and each by another difference.
+        device.offset_s += 0.3 * leap
+        assert device.sample() is None
+        device.offset_s -= 0.3 * leap
+    assert device.clock.settings == 0
+    assert None not in device.run(50)
+
+
 @pytest.mark.parametrize(
     ("step_s", "period_s"), [(-3600.0, 0.143), (-0.5, 0.02), (-0.18, 0.143), (0.2, 0.02), (3600.0, 0.02)]
 )
