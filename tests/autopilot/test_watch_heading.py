@@ -9,6 +9,7 @@ from lgprjax.autopilot.position_monitors import HeadingCheck, HeadingWatchState,
 
 COURSE = 2.9
 """Near π, where angles wrap."""
+BEGUN_S = 1000.0
 
 
 def drive(
@@ -19,22 +20,28 @@ def drive(
     leap_m: float = 0.0,
     sigma_m: float = 0.01,
     fix_heading_rad: float | None = None,
+    turn_radpm: float = 0.0,
 ) -> tuple[HeadingWatchState, Watch]:
-    """A straight way at 1 m/s, the odometer at 431 m; positions seven ticks apart, each one and a half ticks old."""
+    """A way at 1 m/s, the odometer at 431 m; positions seven ticks apart, each one and a half ticks old.
+
+    ``heading_rad`` is where the way begins, and turns with it.
+    """
     state, bits = HeadingWatchState(), Watch(0)
     ticks = round(way_m / 0.02)
     for tick in range(ticks + 1):
         position = None
         if tick >= 2 and tick % 7 == 0:
             at_m = 0.02 * (tick - 1.5) + (leap_m if tick > ticks // 2 else 0.0)
-            position = MonitoredPosition(
-                0.02 * (tick - 1.5), 500.0 + at_m * math.cos(COURSE), at_m * math.sin(COURSE), sigma_m
-            )
+            middle, chord_m = COURSE + 0.5 * turn_radpm * at_m, at_m
+            if turn_radpm:
+                chord_m = 2.0 / turn_radpm * math.sin(0.5 * turn_radpm * at_m)
+            x_m, y_m = 500.0 + chord_m * math.cos(middle), 300.0 + chord_m * math.sin(middle)
+            position = MonitoredPosition(BEGUN_S + 0.02 * (tick - 1.5), x_m, y_m, sigma_m)
         state, bits = step_heading_watch(
             state,
-            time_s=0.02 * tick,
+            time_s=BEGUN_S + 0.02 * tick,
             odometer_m=431.0 + odometer_sign * 0.02 * tick,
-            heading_rad=heading_rad,
+            heading_rad=heading_rad + turn_radpm * 0.02 * tick,
             position=position,
             fix_heading_rad=fix_heading_rad,
         )
@@ -48,6 +55,14 @@ def test_a_heading_along_the_way_is_confirmed_and_a_reversed_one_contradicted() 
     for off_deg in (180.0, 100.0, -120.0):
         state, bits = drive(COURSE + math.radians(off_deg))
         assert (state.check, bits) == (HeadingCheck.CONTRADICTED, Watch.HEADING_CONTRADICTED), off_deg
+
+
+@pytest.mark.parametrize("turn_radpm", [0.5, -0.5])
+def test_on_an_arc_the_heading_in_its_middle_counts(turn_radpm: float) -> None:
+    for off_deg in (0.0, 20.0, -20.0):
+        heading_rad = COURSE + math.radians(off_deg)
+        assert drive(heading_rad, turn_radpm=turn_radpm)[0].check is HeadingCheck.CONFIRMED
+    assert drive(COURSE + math.pi, turn_radpm=turn_radpm)[0].check is HeadingCheck.CONTRADICTED
 
 
 def test_in_reverse_the_heading_points_back() -> None:

@@ -99,17 +99,20 @@ def odometer(
     jump_m: float = 0.0,
     back_at: int = 10_000,
 ) -> Watch:
-    """A straight way east by GNSS at 7 Hz and by the wheels; GNSS jumps at tick 70, and back at another."""
+    """A straight way by GNSS at 7 Hz and by the wheels; GNSS jumps at tick 70, and back at another."""
+    heading_rad, begun_s = 2.2, 1000.0
     state, bits = OdometerWatchState(), Watch(0)
     for tick in range(ticks):
         at_s = 0.02 * tick
-        position = MonitoredPosition(at_s, gnss_mps * at_s + (jump_m if 70 < tick <= back_at else 0.0), 0.0, 0.01)
+        way_m = gnss_mps * at_s + (jump_m if 70 < tick <= back_at else 0.0)
+        x_m, y_m = way_m * math.cos(heading_rad) - 70.0, way_m * math.sin(heading_rad) + 400.0
+        position = MonitoredPosition(begun_s + at_s, x_m, y_m, 0.01)
         state, bits = step_odometer_watch(
             state,
-            time_s=at_s,
-            odometer_m=commanded_mps * at_s,
+            time_s=begun_s + at_s,
+            odometer_m=431.0 + commanded_mps * at_s,
             speed_mps=commanded_mps,
-            heading_rad=0.0,
+            heading_rad=heading_rad,
             heading_confirmed=True,
             position=position if tick % 7 == 0 and math.isfinite(gnss_mps) else None,
             thrust_mps2=thrust_mps2,
