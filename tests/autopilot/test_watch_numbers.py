@@ -98,6 +98,7 @@ def odometer(
     thrust_mps2: float = 0.0,
     jump_m: float = 0.0,
     back_at: int = 10_000,
+    heading_confirmed: bool = True,
 ) -> Watch:
     """A straight way by GNSS at 7 Hz and by the wheels; GNSS jumps at tick 70, and back at another."""
     heading_rad, begun_s = 2.2, 1000.0
@@ -113,7 +114,7 @@ def odometer(
             odometer_m=431.0 + commanded_mps * at_s,
             speed_mps=commanded_mps,
             heading_rad=heading_rad,
-            heading_confirmed=True,
+            heading_confirmed=heading_confirmed,
             position=position if tick % 7 == 0 and math.isfinite(gnss_mps) else None,
             thrust_mps2=thrust_mps2,
             step_s=0.02,
@@ -136,6 +137,16 @@ def odometer(
 )
 def test_the_odometer_against_gnss(gnss_mps: float, commanded_mps: float, bit: Watch) -> None:
     assert odometer(75, gnss_mps=gnss_mps, commanded_mps=commanded_mps) == bit
+
+
+@pytest.mark.parametrize(
+    ("gnss_mps", "commanded_mps", "bit"),
+    [(-2.0, 2.0, Watch(0)), (2.0, 2.0, Watch(0)), (2.0, 0.0, Watch.ODOMETER_DEAD), (-2.0, 3.0, Watch.ODOMETER_SLIPS)],
+)
+def test_before_the_heading_is_confirmed_a_wrong_sign_may_be_its_own(
+    gnss_mps: float, commanded_mps: float, bit: Watch
+) -> None:
+    assert odometer(75, gnss_mps=gnss_mps, commanded_mps=commanded_mps, heading_confirmed=False) == bit
 
 
 def test_a_jump_of_gnss_is_no_fault_of_the_odometer() -> None:
