@@ -112,7 +112,7 @@ def test_a_lost_drive_is_found_again(site: Site, scans: LiveBlock) -> None:
     assert ok[GARBAGE.stop + back :].mean() > 0.7
 
 
-@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("back", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_piece_of_the_map_in_other_ground_is_soon_forgotten(site: Site, scans: LiveBlock, back: bool) -> None:
     """1.5 m of the map's own ground in another's: windows that found it do not confirm it, however near they search,
     and carry it back no farther."""

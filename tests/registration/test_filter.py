@@ -16,14 +16,48 @@ from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import RegisterOptions, Track
 from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run, weigh
 from lgprjax.registration.bayes.likelihood import BORROWED, RHOS, Likelihood, measure_likelihood
-from lgprjax.registration.bayes.score import LatticeGround, Surface
+from lgprjax.registration.bayes.score import LatticeGround, Surface, lattice_ground
 from lgprjax.scene import WEATHER
+from lgprjax.subsurface import Tile
 
 PLANES, CHANNELS, KEPT, SHAPE, REACH = 3, 4, 6, (13, 11), (4, 4)
 STEP_M = np.array([0.08, 0.11])
 NEIGHBOUR = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
 LOST, FOREIGN, BACK, MIXING, SPACING_M = 2e-3, 3e-3, 4e-2, 0.5, 0.1
 VARIANCE, MEMORY, TAIL, WAVELENGTH_M = 0.02, 2.0, 0.1, 0.4
+
+
+def test_places_between_cells_lie_between_them() -> None:
+    """Three places a cell along, every second cell across; nothing is known beside a cell that is not mapped."""
+    rng = np.random.default_rng(4)
+    coefficients, components = rng.normal(size=(6, 7, 5)), rng.normal(size=(5, KEPT))
+    valid = np.ones((6, 7), bool)
+    valid[4, 2] = False
+    tile = Tile(
+        jnp.asarray(coefficients, jnp.float32),
+        jnp.asarray((coefficients**2).sum(axis=-1), jnp.float32),
+        jnp.asarray(valid),
+        jnp.zeros(2, jnp.float32),
+        jnp.asarray([0.15, 0.05], jnp.float32),
+    )
+    made = lattice_ground(tile, jnp.asarray(components, jnp.float32), stride=(1, 2), finer=(3, 1), border=(2, 1))
+    assert made.known.shape == (16 + 4, 4 + 2)
+    inner = np.asarray(made.known)[2:-2, 1:-1]
+    # Column 1 is that of the cell that is not mapped; from the cell before it to the one after, ends excluded.
+    expected_known = np.ones((16, 4))
+    expected_known[10:15, 1] = 0.0
+    np.testing.assert_array_equal(inner, expected_known)
+    assert np.asarray(made.known).sum() == inner.sum()
+    at = np.arange(16) / 3.0
+    for column in range(4):
+        wanted = np.stack(
+            [np.interp(at, np.arange(6), coefficients[:, 2 * column] @ each) for each in components.T], axis=0
+        )
+        wanted = wanted * expected_known[None, :, column]
+        np.testing.assert_allclose(np.asarray(made.value)[:, 2:-2, column + 1], wanted, rtol=2e-5, atol=2e-5)
+        np.testing.assert_allclose(
+            np.asarray(made.power)[2:-2, column + 1], (wanted**2).sum(axis=0), rtol=2e-4, atol=2e-4
+        )
 
 
 def model() -> Model:
@@ -39,6 +73,7 @@ def model() -> Model:
         back=one(BACK),
         mixing=one(MIXING),
         neighbour=jnp.asarray(NEIGHBOUR, jnp.float32),
+        whole=jnp.asarray(True),
     )
 
 
@@ -236,6 +271,15 @@ def test_a_drive_whose_ground_resembles_all_ground_is_believed_less() -> None:
         assert float(state.foreign) == pytest.approx(foreign / (mass.sum() + foreign), rel=1e-3)
         np.testing.assert_allclose(np.asarray(state.mass), mass / (mass.sum() + foreign), rtol=5e-3, atol=1e-9)
     assert memory > MEMORY
+    # About a known place it is the place's own ground that stays from stop to stop.
+    near = weigh(state, surface, stop, model()._replace(whole=jnp.asarray(False)))
+    numbers = 1.0 / (max(float(state.variance), VARIANCE) * MEMORY)
+    ratio = np.stack([(1 - q**2) ** (numbers / 2) / (1 - q * np.minimum(r, 0.98)) ** numbers for q in RHOS])[None]
+    mass, foreign = np.asarray(state.mass, float), float(state.foreign)
+    believed = (mass * ratio).sum() / mass.sum()
+    foreign *= 1 - TAIL + TAIL * believed
+    whole = foreign + (mass * ((1 - TAIL) * ratio + TAIL * believed)).sum()
+    assert float(near.foreign) == pytest.approx(foreign / whole, rel=1e-3)
 
 
 def test_gaussian_ground_has_a_short_tail_and_ground_with_stones_a_longer_one() -> None:
@@ -291,7 +335,7 @@ def test_a_long_drive_is_joined_in_segments(site: Site, monkeypatch: pytest.Monk
     assert np.quantile(np.hypot(*apart.T), 0.9) < 0.01
 
 
-@pytest.mark.parametrize("day", ["snow", "rain"])
+@pytest.mark.parametrize("day", [pytest.param("snow", marks=pytest.mark.long), "rain"])
 def test_snow_and_rain_are_located(site: Site, day: str, tmp_path: Path) -> None:
     drive = registered(site, drive_over(village(), tmp_path / f"{day}.drive.h5", WEATHER[day](7)))
     ok, off_m = judged(drive)

@@ -26,7 +26,7 @@ CHUNK = 16
 """Stops of a chunk: a compiled shape."""
 SPACING = 0.25  # of the wavelength, from stop to stop
 _STEP = 0.2  # of the wavelength, from place to place, and no more than
-_MOST_STEP_M = 0.12  # as 0.3 m aside is another place
+_MOST_STEP_M = 0.08  # as 0.3 m aside is another place, which the posterior must not reach by leaps
 _COMPONENTS = 32
 _NARROW = 2  # channels
 _SCALES = np.arange(0.92, 1.1301, 0.03)
@@ -140,7 +140,9 @@ class DriveFilter:
         least_m = min(_STEP * self.wavelength_m, _MOST_STEP_M)
         wanted_m = least_m, min(least_m, description.channel_pitch_m * (0.5 if narrow else 1.0))
         self._stride = tuple(int(max(1, round(w / each + 1e-6))) for w, each in zip(wanted_m, cell_m, strict=True))
-        self.step_m = cell_m * np.array(self._stride)
+        # Cells grow with the wavelength, what counts as another place does not.
+        self._finer = tuple(int(np.ceil(each / _MOST_STEP_M - 1e-6)) for each in cell_m)
+        self.step_m = cell_m * np.array(self._stride) / np.array(self._finer)
         self._components = self.ground.components[:, :_COMPONENTS]
         centre, array = centre_of(prepared.array), prepared.array
         self._body_m = np.stack([array.x_m - centre[0], array.y_m - centre[1]], axis=1)
@@ -349,7 +351,9 @@ class DriveFilter:
             if len(self._tiles) >= 4:
                 self._tiles.pop(next(iter(self._tiles)))
             made = self.ground.tile(tile, direction)
-            self._tiles[key] = lattice_ground(made, self._components, stride=self._stride, border=border)
+            self._tiles[key] = lattice_ground(
+                made, self._components, stride=self._stride, finer=self._finer, border=border
+            )
         return self._tiles[key]
 
     # A chunk.
@@ -417,11 +421,11 @@ class DriveFilter:
     def correlations(
         self, stops: Stops, half: int
     ) -> tuple[Float[np.ndarray, "stop place"], Float[np.ndarray, "stop place"]]:
-        """Correlation and cover of each stop at places about dead reckoning, ``half`` of them to each side, at the
-        map's own time scale and height.
+        """Correlation and cover of each stop at places about dead reckoning, ``half`` of them to each side (where the
+        lattice is finer than the map's cells, ``half`` cells), at the map's own time scale and height.
         """
         r, cover = [], []
-        size = (2 * half + 1, 2 * half + 1)
+        size = (2 * half * self._finer[0] + 1, 2 * half * self._finer[1] + 1)
         one = Alternatives(np.ones(1), np.zeros(1))
         self._lattice = _Lattice(self._raw(stops, 0), 0.0, size, one, held=True)
         self._state = begin(1, size, 0.5, 0.0)
@@ -476,6 +480,7 @@ class DriveFilter:
             back=jnp.float32(_LEAK_BACK * min(share, 1.0)),
             mixing=jnp.float32(_MIXING),
             neighbour=jnp.asarray(neighbour(self._scale_step[held], self._height_step_m[held])),
+            whole=jnp.asarray(not held),
         )
 
     def _told(self, posterior: Posterior) -> Followed:

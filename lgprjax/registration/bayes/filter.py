@@ -86,6 +86,7 @@ class Model(NamedTuple):
         lost, foreign, back: mass that leaks in a metre to anywhere on the lattice, to foreign ground, and from there.
         mixing: mass that alternatives exchange with a neighbour in a metre, and repeatabilities.
         neighbour: of alternatives: 1 for neighbours, else 0.
+        whole: the lattice covers the whole region.
     """
 
     likelihood: Likelihood
@@ -98,6 +99,7 @@ class Model(NamedTuple):
     back: Float[Array, ""]
     mixing: Float[Array, ""]
     neighbour: Float[Array, "plane plane"]
+    whole: Bool[Array, ""]
 
 
 class Posterior(NamedTuple):
@@ -151,7 +153,7 @@ def shown(
     state: FilterState, surface: Surface, stop: Stop, model: Model
 ) -> tuple[FilterState, Float[Array, ""], Float[Array, ""]]:
     """What places more than a wavelength from the mode show: their sums over stops; scatter, and memory, of foreign
-    ground, which are 0 where the lattice is not so wide.
+    ground, which are 0 where the lattice does not cover the region.
     """
     place = jnp.sum(state.mass, axis=(0, 1))
     mode = jnp.unravel_index(jnp.argmax(place), place.shape)
@@ -168,7 +170,8 @@ def shown(
     kept, fresh = _KEPT**share, share * surface.r[len(surface.r) // 2]
     summed = kept * state.summed + fresh
     alone = kept**2 * state.alone + mean(fresh**2)
-    wide = cells >= _LEAST_FAR
+    # About a known place its own ground's correlation stays where it is, stop after stop: no memory of foreign ground.
+    wide = model.whole & (cells >= _LEAST_FAR)
     memory = jnp.where(wide & (alone > 0.0), mean(summed**2) / jnp.maximum(alone, 1e-12), 0.0)
     scatter = jnp.where(wide, mean(jnp.mean(surface.r**2, axis=0)), 0.0)
     return state._replace(summed=summed, alone=alone), scatter, memory

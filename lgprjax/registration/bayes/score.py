@@ -46,17 +46,39 @@ class Surface(NamedTuple):
     cover: Float[Array, "along cross"]
 
 
-@partial(jax.jit, static_argnames=("stride", "border"))
+@partial(jax.jit, static_argnames=("stride", "finer", "border"))
 def lattice_ground(
-    tile: Tile, components: Float[Array, "coefficient component"], *, stride: tuple[int, int], border: tuple[int, int]
+    tile: Tile,
+    components: Float[Array, "coefficient component"],
+    *,
+    stride: tuple[int, int],
+    finer: tuple[int, int],
+    border: tuple[int, int],
 ) -> LatticeGround:
-    """Every ``stride``-th cell of a tile, ``border`` places added on all sides."""
-    known = tile.valid[:: stride[0], :: stride[1]]
-    value = jnp.where(known[..., None], tile.coefficients[:: stride[0], :: stride[1]] @ components, 0.0)
-    value = jnp.pad(jnp.moveaxis(value, -1, 0), [(0, 0), (border[0],) * 2, (border[1],) * 2])
-    return LatticeGround(
-        value, jnp.sum(value**2, axis=0), jnp.pad(known.astype(jnp.float32), [(border[0],) * 2, (border[1],) * 2])
-    )
+    """Every ``stride``-th cell of a tile, or ``finer`` places a cell; ``border`` places added on all sides."""
+    cells = tile.valid[:: stride[0], :: stride[1]]
+    known = cells.astype(jnp.float32)[None]
+    value = jnp.where(cells[..., None], tile.coefficients[:: stride[0], :: stride[1]] @ components, 0.0)
+    value = jnp.moveaxis(value, -1, 0)
+    for axis, parts in zip((1, 2), finer, strict=True):
+        value, known = _between(value, parts, axis), _between(known, parts, axis)
+    # Between two cells of which one is not mapped, nothing is.
+    known = (known > 1.0 - 1e-3).astype(jnp.float32)
+    value, known = (jnp.pad(each, [(0, 0), (border[0],) * 2, (border[1],) * 2]) for each in (value * known, known))
+    return LatticeGround(value, jnp.sum(value**2, axis=0), known[0])
+
+
+def _between(field: Float[Array, "lead _ _"], parts: int, axis: int) -> Float[Array, "lead _ _"]:
+    """``parts`` values a cell along an axis, linear from one to the next; the last cell has one."""
+    if parts == 1:
+        return field
+    count = field.shape[axis]
+    first, second = (jax.lax.slice_in_dim(field, at, at + count - 1, axis=axis) for at in (0, 1))
+    steps = [first + (part / parts) * (second - first) for part in range(parts)]
+    shape = list(field.shape)
+    shape[axis] = parts * (count - 1)
+    filled = jnp.stack(steps, axis=axis + 1).reshape(shape)
+    return jnp.concatenate([filled, jax.lax.slice_in_dim(field, count - 1, count, axis=axis)], axis=axis)
 
 
 @jax.jit
