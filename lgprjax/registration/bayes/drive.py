@@ -28,6 +28,7 @@ SPACING = 0.25  # of the wavelength, from stop to stop
 _STEP = 0.2  # of the wavelength, from place to place, and no more than
 _MOST_STEP_M = 0.08  # as 0.3 m aside is another place, which the posterior must not reach by leaps
 _COMPONENTS = 32
+_SEARCHING_M = 0.06  # from stop to stop while the whole region is searched, where short waves would have them closer
 _NARROW = 2  # channels
 _SCALES = np.arange(0.92, 1.1301, 0.03)
 _NEAR_SCALE = 0.012
@@ -174,8 +175,11 @@ class DriveFilter:
         low, count = 0, len(stops.number)
         while low < count:
             self._place_lattice(stops, astray, low)
-            high = self._end_of_chunk(stops, low)
-            parts.append(self._follow_chunk(stops, low, high))
+            every = self._every
+            high = self._end_of_chunk(stops, low, every)
+            told = self._follow_chunk(stops, np.arange(low, high, every))
+            # Stops that were left out have the report of the one before.
+            parts.append(Followed(*(np.repeat(field, every, axis=0)[: high - low] for field in told)))
             low = high
         return Followed(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
@@ -312,10 +316,16 @@ class DriveFilter:
             self._state = self._state._replace(mass=mass)
             self._lattice = replace(self._lattice, yaw=yaw)
 
-    def _end_of_chunk(self, stops: Stops, low: int) -> int:
+    @property
+    def _every(self) -> int:
+        """Of the stops, one in so many is heard."""
+        assert self._lattice is not None
+        return 1 if self._lattice.held else max(1, round(_SEARCHING_M / self.spacing_m))
+
+    def _end_of_chunk(self, stops: Stops, low: int, every: int) -> int:
         """The first stop that does not share leg, tile and direction with ``low``."""
         assert self._lattice is not None
-        high = min(low + self._chunk, len(stops.number))
+        high = min(low + self._chunk * every, len(stops.number))
         same = stops.leg[low:high] == stops.leg[low]
         away = np.hypot(*(stops.reckoned_m[low:high] - stops.reckoned_m[low]).T)
         for at in range(low + 1, high):
@@ -358,26 +368,26 @@ class DriveFilter:
 
     # A chunk.
 
-    def _follow_chunk(self, stops: Stops, low: int, high: int) -> Followed:
+    def _follow_chunk(self, stops: Stops, heard: Int[np.ndarray, " heard"]) -> Followed:
         assert self._state is not None
-        travel_m, leap = self._travel(stops, low, high)
-        chunk, ground, reach = self._heard(stops, low, high, travel_m, leap)
+        travel_m, leap = self._travel(stops, heard)
+        chunk, ground, reach = self._heard(stops, heard, travel_m, leap)
         self._state, posterior = run(self._state, chunk, ground, self._model(), reach=reach, crop=self.crop)
-        self._last = float(stops.path_m[high - 1]), int(stops.leg[high - 1]), self._raw(stops, high - 1)
-        return self._told(jax.tree.map(lambda field: np.asarray(field)[: high - low], posterior))
+        last = int(heard[-1])
+        self._last = float(stops.path_m[last]), int(stops.leg[last]), self._raw(stops, last)
+        return self._told(jax.tree.map(lambda field: np.asarray(field)[: len(heard)], posterior))
 
     def _heard(
         self,
         stops: Stops,
-        low: int,
-        high: int,
+        heard: Int[np.ndarray, " heard"],
         travel_m: Float[np.ndarray, " stop"],
         leap: Float[np.ndarray, " stop"],
     ) -> tuple[Stop, LatticeGround, tuple[int, int]]:
         """A chunk filled to its size, its ground, and how many places its channels reach."""
         assert self._lattice is not None
-        lattice, count = self._lattice, high - low
-        at = np.concatenate([np.arange(low, high), np.full(self._chunk - count, high - 1)])
+        lattice, count = self._lattice, len(heard)
+        at = np.concatenate([heard, np.full(self._chunk - count, heard[-1])])
         forward_m = self._body_m[None, :, 0] + stops.speed_mps[at, None] * self._prepared.array.time_offset_s
         body_m = np.stack([forward_m, np.broadcast_to(self._body_m[:, 1], forward_m.shape)], axis=-1)
         most_m = float(np.max(np.hypot(body_m[..., 0], body_m[..., 1])))
@@ -386,7 +396,7 @@ class DriveFilter:
         border = (2 * self._whole[0] + reach[0] + 2, 2 * self._whole[1] + reach[1] + 2)
         tile = 0 if self._tile is None else self._tile
         frame = self.ground.frame(tile)
-        ground = self._ground_of(tile, self._direction(stops, low), border)
+        ground = self._ground_of(tile, self._direction(stops, int(heard[0])), border)
         origin_m = np.asarray(self.ground.tile(tile).origin_m, np.float64)
         about = (stops.reckoned_m[at] + lattice.centre_m - frame[:2]) @ rotation(frame[2])
         corner = (about - origin_m) / self.step_m - np.asarray(lattice.shape) // 2 + np.asarray(border)
@@ -432,8 +442,9 @@ class DriveFilter:
         low = 0
         while low < len(stops.number):
             self._find_tile(stops, low)
-            high = self._end_of_chunk(stops, low)
-            chunk, ground, reach = self._heard(stops, low, high, np.zeros(self._chunk), np.zeros(self._chunk))
+            high = self._end_of_chunk(stops, low, 1)
+            nothing = np.zeros(self._chunk)
+            chunk, ground, reach = self._heard(stops, np.arange(low, high), nothing, nothing)
             made = surfaces(ground, chunk.live, chunk.valid, chunk.corner, chunk.offset, shape=size, reach=reach)
             r.append(np.asarray(made.r)[: high - low, 0].reshape(high - low, -1))
             cover.append(np.asarray(made.cover)[: high - low].reshape(high - low, -1))
@@ -444,19 +455,20 @@ class DriveFilter:
         return np.asarray(stops.pose[at, :2] - stops.reckoned_m[at])
 
     def _travel(
-        self, stops: Stops, low: int, high: int
+        self, stops: Stops, heard: Int[np.ndarray, " heard"]
     ) -> tuple[Float[np.ndarray, " stop"], Float[np.ndarray, " stop"]]:
         """Travel to each stop of a chunk, and the probability that dead reckoning was lost on the way."""
+        low = int(heard[0])
         before = float(stops.path_m[low]) - self.spacing_m, self._raw(stops, low)
         if self._last is not None and self._last[1] == stops.leg[low]:
             before = self._last[0], self._last[2]
         travel_m, leap = np.zeros(self._chunk), np.zeros(self._chunk)
-        for at in range(low, high):
+        for number, at in enumerate(heard):
             here = self._raw(stops, at)
-            travel_m[at - low] = max(stops.path_m[at] - before[0], 0.0)
+            travel_m[number] = max(stops.path_m[at] - before[0], 0.0)
             moved_m = float(np.hypot(*(here - before[1])))
             if self._steps and moved_m > _LEAP_M + _LEAP_NOISES * float(np.median(self._steps)):
-                leap[at - low] = _LEAP
+                leap[number] = _LEAP
             self._steps = [*self._steps[-31:], moved_m]
             before = float(stops.path_m[at]), here
         return travel_m, leap
