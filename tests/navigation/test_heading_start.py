@@ -2,13 +2,22 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from lgprjax.navigation import DeltaHeading, GnssObservation, SkidMotion, SkidObservations, skid_rules
+from lgprjax.navigation.skid_filter import (
+    HeadingStart,
+    KeptFix,
+    StartedHeading,
+    Way,
+    init_heading_start,
+    step_heading_start,
+)
 from navigation.skid_drives import ANTENNA_X_M, ANTENNA_Y_M, TRACK_M
-from navigation.skid_runs import begin, filter_lanes, pose_errors
+from navigation.skid_runs import MODEL, begin, filter_lanes, pose_errors
 
 STEP_S, TICKS = 0.05, 2400
 FORWARD, BACKWARD, SLOW, ARC, STANDING, COARSE, FROZEN, LATER = range(8)
@@ -109,3 +118,26 @@ def test_it_starts_when_the_way_becomes_straight(started: Started) -> None:
     """Not on the arc of 4 m, and not from fixes of the arc: 3.5 m after it at the earliest."""
     assert LATER_S + 7.0 <= started.at_s[LATER] < LATER_S + 12.0
     assert np.abs(started.yaw_error_deg[-1, LATER]) < 1.0
+
+
+def test_a_heading_from_a_way_aside_is_stated_no_surer_than_it_is() -> None:
+    """Exact fixes of a vehicle that is pushed aside at random, against the scatter of the headings from its ways."""
+    rng = np.random.default_rng(10)
+    lanes, apart_m, ticks, noise = 2000, 0.5, 8, 0.03
+    aside_m = noise * np.sqrt(apart_m) * np.cumsum(rng.standard_normal((ticks, lanes)), axis=0)
+    fixes = np.stack([np.broadcast_to(apart_m * np.arange(ticks)[:, None], aside_m.shape), aside_m], axis=-1)
+    model = MODEL._replace(side_noise=jnp.float32(noise), start_pair_m=jnp.float32(0.99 * apart_m))
+    zero = jnp.float32(0.0)
+
+    def lane(seen_m: jax.Array) -> StartedHeading:
+        def tick(start: HeadingStart, fix_m: jax.Array) -> tuple[HeadingStart, StartedHeading]:
+            way = Way(jnp.float32(apart_m), zero, zero, jnp.float32(1.0))
+            fix = KeptFix(fix_m, (zero, zero), zero, jnp.float32(1e-10), zero, jnp.asarray(True))
+            return step_heading_start(model, start, way, fix, jnp.asarray(False))
+
+        return jax.tree.map(lambda each: each[-1], jax.lax.scan(tick, init_heading_start(), seen_m)[1])
+
+    found = jax.jit(jax.vmap(lane, in_axes=1))(jnp.asarray(fixes, jnp.float32))
+    assert np.asarray(found.ready).mean() > 0.9
+    scatter = np.mean(np.asarray(found.yaw_rad) ** 2)
+    assert scatter <= np.mean(np.asarray(found.variance)) <= 3.0 * scatter
