@@ -311,8 +311,10 @@ def judged(drive: RegisteredDrive) -> tuple[np.ndarray, np.ndarray]:
     return ok, np.hypot(*true_errors(drive)[ok].T)
 
 
-@pytest.mark.parametrize("causal", [True, False])
-def test_a_clear_day_is_located(site: Site, causal: bool) -> None:
+@pytest.mark.parametrize(("causal", "searching_m"), [(True, 0.06), (False, 0.3)])
+def test_a_clear_day_is_located(site: Site, causal: bool, searching_m: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the whole region is searched at a stop in several only, as short waves are."""
+    monkeypatch.setattr("lgprjax.registration.bayes.drive._SEARCHING_M", searching_m)
     drive = registered(site, site.logs["live"], causal)
     ok, off_m = judged(drive)
     travel_m = np.abs(drive.track.travel_m - drive.track.travel_m[0])
