@@ -135,7 +135,8 @@ def test_a_heading_from_a_way_aside_is_stated_no_surer_than_it_is() -> None:
             fix = KeptFix(fix_m, (zero, zero), zero, jnp.float32(1e-10), zero, jnp.asarray(True))
             return step_heading_start(model, start, way, fix, jnp.asarray(False))
 
-        return jax.tree.map(lambda each: each[-1], jax.lax.scan(tick, init_heading_start(), seen_m)[1])
+        every: StartedHeading = jax.lax.scan(tick, init_heading_start(), seen_m)[1]
+        return StartedHeading(*(each[-1] for each in every))
 
     found = jax.jit(jax.vmap(lane, in_axes=1))(jnp.asarray(fixes, jnp.float32))
     assert np.asarray(found.ready).mean() > 0.9
