@@ -7,7 +7,7 @@ from lgprjax.batch.chance import _scans_of, _StationChain, _swapped
 from lgprjax.formats import MapFile
 from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.registration import PreparedGround, RegisterOptions
-from lgprjax.registration.bayes import BORROWED, DriveFilter, Likelihood, measure_likelihood
+from lgprjax.registration.bayes import DriveFilter, Likelihood, measure_likelihood
 from lgprjax.registration.queries import stops_of
 from lgprjax.subsurface import GroundMap
 
@@ -30,7 +30,7 @@ def likelihood_of(source: MapFile, ground: GroundMap, array: ArrayGeometry, opti
     prepared = PreparedGround(ground, own)
     stretches: list[Float[np.ndarray, "stop place"]] = []
     for swapped in _swapped(source, channels, options.search_half_m()):
-        led = DriveFilter(prepared, _StationChain(ground), options, BORROWED)
+        led = DriveFilter(prepared, _StationChain(ground), options, measure_likelihood([]))
         scans = _scans_of(source, swapped, channels)
         at, _ = led.choose(scans, 0.0)
         r, cover = led.correlations(stops_of(scans, at, own, ground.basis), _HALF)

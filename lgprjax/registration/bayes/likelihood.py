@@ -17,11 +17,13 @@ from jaxtyping import Array, Float
 RHOS = (0.2, 0.45, 0.7, 0.9)
 """Correlations with which the map's ground may repeat itself on another day."""
 _LARGEST_R = 0.98
-_LEAST_STRETCHES = 12
-_CAUTIOUS = 2.0
-"""Factor on variance and memory of a map that is too short to measure its own."""
 _SURE = 2.0
-"""Standard errors by which the measured memory is raised."""
+"""Standard errors by which what is measured is raised."""
+_TYPICAL, _GROUNDS, _STRETCHES = (0.04, 0.1), (0.5, 0.7), (0.3, 0.85)
+"""Over grounds, arrays of one to three channels: variance of one stop, and of several together for each of them; scatter
+of their logarithms between grounds; relative scatter between stretches of one ground, the largest seen."""
+_ELSEWHERE = 12
+"""Stretches of a map's own that those of other grounds count for in its tail."""
 _TAILS = np.exp(-np.arange(0.5, 6.01, 0.25))
 _RUNS = (1, 4, 16)
 """Stops over which the mean evidence of foreign ground must not exceed one."""
@@ -34,16 +36,13 @@ class Likelihood(NamedTuple):
         variance: of the correlation of a stop with foreign ground.
         memory: by how much the variance of a sum over stops exceeds that of independent ones.
         tail: share of stops that score like anything.
-        stretches: of the map that it was measured on; 0: borrowed.
+        stretches: of the map that it was measured on.
     """
 
     variance: float | Float[Array, ""]
     memory: float | Float[Array, ""]
     tail: float | Float[Array, ""]
     stretches: int = 0
-
-
-BORROWED = Likelihood(0.05, 2.0, 0.22)
 
 
 def evidence(
@@ -57,30 +56,30 @@ def evidence(
 def measure_likelihood(r: list[Float[np.ndarray, "stop place"]]) -> Likelihood:
     """Likelihood from correlations on foreign ground: of each stretch, stop after stop, at places that stay the same.
 
+    The fewer stretches a map has, the more counts what other grounds have, and the more both are raised by what is not
+    known: of 25 grounds and arrays, one in a hundred holds fewer numbers than is told from none to thirty stretches.
     The tail is the smallest for which the evidence of foreign ground, over one stop and over several, is one in the
     mean for every repeatability: then the probability that it ever exceeds x is at most 1/x (Ville, 1939).
     """
-    if len(r) < _LEAST_STRETCHES:
-        if not r:
-            return BORROWED
-        known = measure_likelihood(r * -(-_LEAST_STRETCHES // len(r)))
-        tail = max(float(known.tail), float(BORROWED.tail))
-        return Likelihood(_CAUTIOUS * float(known.variance), _CAUTIOUS * float(known.memory), tail, 0)
-    variance = float(np.mean([np.mean(each**2) for each in r]))
-    run = min(_RUNS[-1], min(len(each) for each in r))
-    summed = [np.mean(_runs(each, run).sum(axis=1) ** 2) / run for each in r]
-    # What so few stretches may have shown too small.
-    most = float(np.mean(summed) + _SURE * np.std(summed, ddof=1) / np.sqrt(len(summed)))
-    memory = max(most / variance, 1.0)
+    run = min((_RUNS[-1], *(len(each) for each in r)))
+    alone, _ = _typical([float(np.mean(each**2)) for each in r], 0)
+    together, error = _typical([float(np.mean(_runs(each, run).sum(axis=1) ** 2)) / run for each in r], 1)
+    together = max(together * np.exp(_SURE * error), alone)
     tail = float(_TAILS[0])
     # A share of three in so many stretches, each with its own ground, would not have been seen.
-    unseen = 3.0 / len(r)
-    numbers = 1.0 / (variance * memory)
+    unseen = 3.0 / (len(r) + _ELSEWHERE)
     for wanted in sorted(float(each) for each in _TAILS if each >= unseen):
-        if all(_mean_evidence(r, rho, numbers, wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
+        if all(_mean_evidence(r, rho, 1.0 / together, wanted, run) <= 1.0 for rho in RHOS for run in _RUNS):
             tail = wanted
             break
-    return Likelihood(variance, memory, tail, len(r))
+    return Likelihood(alone, together / alone, tail, len(r))
+
+
+def _typical(measured: list[float], which: int) -> tuple[float, float]:
+    """Mean of a ground, and its relative standard error, from its stretches and what is usual elsewhere."""
+    usual, own = 1.0 / _GROUNDS[which] ** 2, len(measured) / _STRETCHES[which] ** 2
+    log = usual * np.log(_TYPICAL[which]) + (own * np.log(np.mean(measured)) if measured else 0.0)
+    return float(np.exp(log / (usual + own))), float(1.0 / np.sqrt(usual + own))
 
 
 def _runs(each: Float[np.ndarray, "stop place"], length: int) -> Float[np.ndarray, "run length place"]:
