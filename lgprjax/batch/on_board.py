@@ -152,7 +152,7 @@ def options_as_provenance(options: RegisterOptions) -> dict[str, Any]:
         "time_scale": options.time_scale,
         "thresholds": None if own is None else {name: float(value) for name, value in own._asdict().items()},
         "finish": "newton" if options.swarm is None else "swarm",
-        "search": "exhaustive" if options.search_swarm is None else "swarm",
+        "search": "filter" if options.filter else "swarm" if options.search_swarm else "exhaustive",
     }
 
 
@@ -170,5 +170,6 @@ def options_on_board(log: DriveLog) -> RegisterOptions | None:
         own_thresholds=None if own is None else Thresholds(**own),
         swarm=FINISH_SWARM if told["finish"] == "swarm" else None,
         search_swarm=SEARCH_SWARM if told["search"] == "swarm" else None,
+        filter="causal" if told["search"] == "filter" else None,
         track=True,
     )

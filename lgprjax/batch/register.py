@@ -58,7 +58,8 @@ from lgprjax.registration import (
     register_drive,
     sigmas_along_cross,
 )
-from lgprjax.registration.bayes import Likelihood, filter_drive
+from lgprjax.registration.bayes import Likelihood
+from lgprjax.registration.bayes.smoothed import smooth_drive
 from lgprjax.registration.queries import SearchSizes
 from lgprjax.subsurface import GroundMap
 
@@ -139,8 +140,10 @@ def check_search(options: RegisterOptions) -> None:
     if options.filter not in (None, "causal", "smoothed"):
         raise ArgumentError("filter", "causal, smoothed or None", repr(options.filter)[:60])
     windowed = (options.window_m, options.own_thresholds, options.swarm, options.search_swarm)
-    if options.filter is not None and (options.track or any(each is not None for each in windowed)):
-        raise ArgumentError("filter", "no window, thresholds, swarm or track beside it", options.filter)
+    if options.filter is not None and any(each is not None for each in windowed):
+        raise ArgumentError("filter", "no window, thresholds or swarm beside it", options.filter)
+    if options.filter == "smoothed" and options.track:
+        raise ArgumentError("filter", "causal with track: a vehicle does not know what lies ahead", "smoothed")
     if options.risk is None or not 1e-9 <= options.risk <= 0.01:
         raise ArgumentError("risk", "a probability of 1e-9 to 0.01, such as 1e-4", f"{options.risk}")
 
@@ -493,14 +496,16 @@ def register_log(
 
     def search(blocks: Iterator[LiveBlock], told: Callable[[int], None] = progress) -> DriveFixes:
         """One search from its beginning to its end."""
-        if options.filter is not None:
-            led = filter_drive(
+        likelihood = None if options.filter is None else held.likelihood_for(array, source)
+        if options.filter == "smoothed":
+            assert likelihood is not None
+            led = smooth_drive(
                 held.ground,
                 operators,
                 array,
                 blocks,
                 options,
-                likelihood=held.likelihood_for(array, source),
+                likelihood=likelihood,
                 sigma_scale=held.chance.sigma_scale,
                 recorded=recorded,
                 prepared=prepared,
@@ -515,6 +520,7 @@ def register_log(
             blocks,
             options,
             chance=held.chance,
+            likelihood=likelihood,
             recorded=recorded,
             prepared=prepared,
         ):

@@ -105,7 +105,7 @@ class Register:
             "--window-m": self.window_m is not None,
             "--thresholds": self.thresholds is not None,
             "--finish swarm": self.finish == "swarm",
-            "--track": self.track,
+            "--track": self.track and self.search == "filter",
         }
         if self.search in ("filter", "causal") and any(beside.values()):
             found = ", ".join(option for option, given in beside.items() if given)

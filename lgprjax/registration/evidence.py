@@ -112,6 +112,11 @@ class EvidenceSearch:
         scale_sigma = self._scale.sigma if self._options.time_scale is None else 0.0
         return unknown_attitude(self._prepared.array, profile_ns, scale_sigma)
 
+    @property
+    def history(self) -> int:
+        """Stops of the longest window."""
+        return self.plan.history
+
     def begin_at(self, place_m: Float[np.ndarray, "2"], until_m: float, time_scale: float) -> None:
         """Begin at a known place of the first scan, in the map's frame, and at a time scale: search about the place
         alone, up to this travel. Every window must hold against the whole region, and all attitudes, all the same.

@@ -9,6 +9,8 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax.frames import body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
+from lgprjax.registration.bayes.causal import FilterSearch
+from lgprjax.registration.bayes.likelihood import Likelihood
 from lgprjax.registration.evidence import EvidenceSearch
 from lgprjax.registration.fix import Code, Fix, blank_fixes
 from lgprjax.registration.judge import POOLED, Chance, RegisterOptions
@@ -112,6 +114,7 @@ class Registration:
         array: geometry of the drive.
         options: of the search.
         chance: of the map.
+        likelihood: of map and array, for the filter (``options.filter``).
         recorded: numbers of a trace.
         prepared: of ground and array, shared between drives; None to make one.
         block_scans: largest block that ``feed`` is given; a compiled shape.
@@ -125,6 +128,7 @@ class Registration:
         options: RegisterOptions,
         *,
         chance: Chance = POOLED,
+        likelihood: Likelihood | None = None,
         recorded: int,
         prepared: PreparedGround | None = None,
         block_scans: int = BLOCK_SCANS,
@@ -133,8 +137,13 @@ class Registration:
         self._centre = centre_of(array)
         self._chain = live_chain(ground, operators, array, recorded)
         self.prepared = PreparedGround(ground, array) if prepared is None else prepared
-        search = EvidenceSearch if options.search_swarm is None else SwarmSearch
-        self.search = search(self.prepared, self._chain, options, chance, block_scans)
+        self.search: EvidenceSearch | FilterSearch
+        if options.filter is not None:
+            assert likelihood is not None
+            self.search = FilterSearch(self.prepared, self._chain, options, likelihood, chance.sigma_scale, block_scans)
+        else:
+            search = EvidenceSearch if options.search_swarm is None else SwarmSearch
+            self.search = search(self.prepared, self._chain, options, chance, block_scans)
         self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
 
     def feed(self, block: LiveBlock) -> DriveFixes:
@@ -142,7 +151,7 @@ class Registration:
         scans = self._chain.feed(block.traces, block.valid, block.track, self._block_scans)
         stops, fix, beside, scale = self.search.feed(scans)
         at_truth = np.full(len(scans.number), np.nan)
-        if block.truth is not None:
+        if block.truth is not None and isinstance(self.search, EvidenceSearch):
             at_truth[stops] = self.search.score_at(scans, stops, block.truth[stops])
         spread = self._spread(scans, stops, fix, beside, scale)
         return spread._replace(correlation_at_truth=at_truth)
@@ -197,6 +206,7 @@ class Registration:
         # Dead reckoning goes by the log's heading.
         reckoned_m = reckoned_m @ rotation(offset[1]).T
         scans = LiveScans(number, filtered, valid, track._replace(leg=-track.leg), path[-1] - path - path_m, reckoned_m)
+        assert isinstance(self.search, EvidenceSearch)
         self.search.begin_at(*start)
         return self._spread(scans, *self.search.feed(scans))
 
@@ -263,6 +273,7 @@ def register_drive(
     options: RegisterOptions,
     *,
     chance: Chance = POOLED,
+    likelihood: Likelihood | None = None,
     recorded: int,
     prepared: PreparedGround | None = None,
 ) -> Iterator[DriveFixes]:
@@ -274,6 +285,7 @@ def register_drive(
         array,
         options,
         chance=chance,
+        likelihood=likelihood,
         recorded=recorded,
         prepared=prepared,
         block_scans=scans,
@@ -312,6 +324,7 @@ def carry_back(
             break
         place = int(places[-1])
         search = begin()
+        assert isinstance(search.search, EvidenceSearch)
         window_m = max(search.search.plan.windows_m)
         near = (leg == leg[place]) & (np.abs(path_m - path_m[place]) <= window_m)
         beside = np.flatnonzero(near & (np.abs(np.arange(len(leg)) - place) < _MOST_SCANS))

@@ -83,7 +83,7 @@ class RegistrationTable(ConfigTable):
         time_scale: travel time in the ground relative to the map; unset, it is estimated along the drive.
         risk: largest probability of a false match for an accepted fix, and for a scan that is evidence of the map's
             ground.
-        search: of all places, or by a particle swarm.
+        search: of all places, by a particle swarm, or by a Bayes filter.
         finish: by Gauss-Newton, or by a particle swarm about each candidate.
     """
 
@@ -92,8 +92,18 @@ class RegistrationTable(ConfigTable):
     time_scale: float | None = Field(default=None, gt=0.5, lt=2.0)
     risk: float = Field(default=1e-4, ge=1e-12, le=0.01)
     thresholds: str | None = None
-    search: Literal["exhaustive", "swarm"] = "exhaustive"
+    search: Literal["exhaustive", "swarm", "filter"] = "exhaustive"
     finish: Literal["newton", "swarm"] = "newton"
+
+    @model_validator(mode="after")
+    def _filter_alone(self) -> "RegistrationTable":
+        if self.search == "filter":
+            for name, given in (("window_m", self.window_m), ("thresholds", self.thresholds)):
+                if given is not None:
+                    raise BrokenRuleError(name, 'unset with search = "filter"', repr(given))
+            if self.finish != "newton":
+                raise BrokenRuleError("finish", '"newton" with search = "filter"', repr(self.finish))
+        return self
 
 
 class SensorsTable(ConfigTable):

@@ -2,6 +2,5 @@
 
 from lgprjax.registration.bayes.drive import DriveFilter
 from lgprjax.registration.bayes.likelihood import Likelihood, measure_likelihood
-from lgprjax.registration.bayes.register import filter_drive
 
-__all__ = ["DriveFilter", "Likelihood", "filter_drive", "measure_likelihood"]
+__all__ = ["DriveFilter", "Likelihood", "measure_likelihood"]

@@ -42,7 +42,7 @@ _LEAK_LOST, _LEAK_FOREIGN, _LEAK_BACK, _MIXING = 1e-5, 1e-5, 1e-3, 0.02  # a met
 _WANDER_M = 0.02  # of dead reckoning, per root of a metre
 _LEAP = 0.01  # probability that a step of positions was one of the vehicle
 _LEAP_M, _LEAP_NOISES = 0.1, 6.0
-_SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
+SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
 _TILE_M = 0.5  # of travel from which on a tile is looked up again
 _DIRECT = 0.5
 
@@ -159,6 +159,7 @@ class DriveFilter:
         self._lattice: _Lattice | None = None
         self._last: tuple[float, int, Float[np.ndarray, 2]] | None = None
         self._steps: list[float] = []
+        self._told: Followed | None = None
 
     def choose(self, scans: LiveScans, next_m: float) -> tuple[Int[np.ndarray, " stop"], float]:
         """Scans that become stops, and travel of the next, see ``first_of_each``."""
@@ -175,13 +176,32 @@ class DriveFilter:
         low, count = 0, len(stops.number)
         while low < count:
             self._place_lattice(stops, astray, low)
-            every = self._every
-            high = self._end_of_chunk(stops, low, every)
-            told = self._follow_chunk(stops, np.arange(low, high, every))
-            # Stops that were left out have the report of the one before.
-            parts.append(Followed(*(np.repeat(field, every, axis=0)[: high - low] for field in told)))
+            heard, high = self._heard_of(stops, low)
+            at = np.searchsorted(heard, np.arange(low, high), side="right") - 1
+            # Stops that are not heard have the report of the one before.
+            if len(heard):
+                told = self._follow_chunk(stops, heard)
+                self._told = Followed(*(field[-1:] for field in told))
+                parts.append(Followed(*(field[np.maximum(at, 0)] for field in told)))
+            else:
+                assert self._told is not None
+                parts.append(Followed(*(np.repeat(field, high - low, axis=0) for field in self._told)))
             low = high
         return Followed(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+    def _heard_of(self, stops: Stops, low: int) -> tuple[Int[np.ndarray, " heard"], int]:
+        """Stops of a chunk that are heard, and the first of the next: fewer while the whole region is searched."""
+        assert self._lattice is not None
+        apart_m, limit = 0.0 if self._lattice.held else _SEARCHING_M, self._end_of_chunk(stops, low)
+        heard: list[int] = []
+        last_m = self._last[0] if self._last is not None and self._last[1] == stops.leg[low] else -np.inf
+        for at in range(low, limit):
+            if stops.path_m[at] >= last_m + apart_m - 0.5 * self.spacing_m:
+                if len(heard) == self._chunk:
+                    return np.asarray(heard, dtype=int), at
+                heard.append(at)
+                last_m = float(stops.path_m[at])
+        return np.asarray(heard, dtype=int), limit
 
     # Where the lattice is.
 
@@ -316,16 +336,13 @@ class DriveFilter:
             self._state = self._state._replace(mass=mass)
             self._lattice = replace(self._lattice, yaw=yaw)
 
-    @property
-    def _every(self) -> int:
-        """Of the stops, one in so many is heard."""
+    def _end_of_chunk(self, stops: Stops, low: int) -> int:
+        """The first stop that does not share leg, tile and direction with ``low``, or is as many stops ahead as a chunk
+        holds.
+        """
         assert self._lattice is not None
-        return 1 if self._lattice.held else max(1, round(_SEARCHING_M / self.spacing_m))
-
-    def _end_of_chunk(self, stops: Stops, low: int, every: int) -> int:
-        """The first stop that does not share leg, tile and direction with ``low``."""
-        assert self._lattice is not None
-        high = min(low + self._chunk * every, len(stops.number))
+        most = self._chunk * (1 if self._lattice.held else max(1, round(_SEARCHING_M / self.spacing_m)))
+        high = min(low + most, len(stops.number))
         same = stops.leg[low:high] == stops.leg[low]
         away = np.hypot(*(stops.reckoned_m[low:high] - stops.reckoned_m[low]).T)
         for at in range(low + 1, high):
@@ -375,7 +392,7 @@ class DriveFilter:
         self._state, posterior = run(self._state, chunk, ground, self._model(), reach=reach, crop=self.crop)
         last = int(heard[-1])
         self._last = float(stops.path_m[last]), int(stops.leg[last]), self._raw(stops, last)
-        return self._told(jax.tree.map(lambda field: np.asarray(field)[: len(heard)], posterior))
+        return self._reported(jax.tree.map(lambda field: np.asarray(field)[: len(heard)], posterior))
 
     def _heard(
         self,
@@ -442,7 +459,7 @@ class DriveFilter:
         low = 0
         while low < len(stops.number):
             self._find_tile(stops, low)
-            high = self._end_of_chunk(stops, low, 1)
+            high = min(self._end_of_chunk(stops, low), low + self._chunk)
             nothing = np.zeros(self._chunk)
             chunk, ground, reach = self._heard(stops, np.arange(low, high), nothing, nothing)
             made = surfaces(ground, chunk.live, chunk.valid, chunk.corner, chunk.offset, shape=size, reach=reach)
@@ -495,7 +512,7 @@ class DriveFilter:
             whole=jnp.asarray(not held),
         )
 
-    def _told(self, posterior: Posterior) -> Followed:
+    def _reported(self, posterior: Posterior) -> Followed:
         assert self._lattice is not None
         lattice = self._lattice
         half = np.asarray(lattice.shape) // 2
@@ -540,7 +557,7 @@ def _fours(places: float) -> int:
 def astray_of(stops: Stops) -> Float[np.ndarray, "stop 2"]:
     """Prior minus dead reckoning at each stop: the median over the last metres, to suppress the noise of positions."""
     apart = stops.pose[:, :2] - stops.reckoned_m
-    first = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
+    first = np.searchsorted(stops.path_m, stops.path_m - SMOOTH_M)
     first = np.maximum(first, np.searchsorted(stops.leg, stops.leg))
     return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(first)])
 

@@ -149,11 +149,9 @@ def predict(state: FilterState, stop: Stop, model: Model) -> FilterState:
     return state._replace(mass=held, foreign=foreign - returned + gone * jnp.sum(of_plane))
 
 
-def shown(
-    state: FilterState, surface: Surface, stop: Stop, model: Model
-) -> tuple[FilterState, Float[Array, ""], Float[Array, ""]]:
-    """What places more than a wavelength from the mode show: their sums over stops; scatter, and memory, of foreign
-    ground, which are 0 where the lattice does not cover the region.
+def shown(state: FilterState, surface: Surface, stop: Stop, model: Model) -> tuple[FilterState, Float[Array, ""]]:
+    """What places more than a wavelength from the mode show, where the lattice covers the region: scatter of foreign
+    ground over the last metres, and its memory, else 0.
     """
     place = jnp.sum(state.mass, axis=(0, 1))
     mode = jnp.unravel_index(jnp.argmax(place), place.shape)
@@ -173,15 +171,22 @@ def shown(
     # About a known place its own ground's correlation stays where it is, stop after stop: no memory of foreign ground.
     wide = model.whole & (cells >= _LEAST_FAR)
     memory = jnp.where(wide & (alone > 0.0), mean(summed**2) / jnp.maximum(alone, 1e-12), 0.0)
-    scatter = jnp.where(wide, mean(jnp.mean(surface.r**2, axis=0)), 0.0)
-    return state._replace(summed=summed, alone=alone), scatter, memory
+    variance = renewed(state.variance, mean(jnp.mean(surface.r**2, axis=0)), wide, stop.travel_m)
+    return state._replace(summed=summed, alone=alone, variance=variance), memory
+
+
+def renewed(
+    mean: Float[Array, ""], fresh: Float[Array, ""], heard: Bool[Array, ""], travel_m: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Mean over the last metres of travel with a fresh value."""
+    return mean + jnp.where(heard, 1.0 - jnp.exp(-travel_m / _SCATTER_M), 0.0) * (fresh - mean)
 
 
 def weigh(state: FilterState, surface: Surface, stop: Stop, model: Model) -> FilterState:
     """The state times the evidence of a surface, normalised."""
     known = model.likelihood
-    state, variance, memory = shown(state, surface, stop, model)
-    variance = jnp.maximum(variance, jnp.maximum(known.variance, state.variance))
+    state, memory = shown(state, surface, stop, model)
+    variance = jnp.maximum(known.variance, state.variance)
     numbers: Array = 1.0 / (variance * jnp.maximum(memory, known.memory))
     numbers = numbers * jnp.minimum(stop.travel_m / model.spacing_m, 1.0) * surface.cover
     rho = jnp.asarray(RHOS, dtype=jnp.float32)[None, :, None, None]
@@ -213,8 +218,8 @@ def scatter(state: FilterState, stop: Stop, ground: LatticeGround, model: Model,
         surface = correlate(ground, live, stop.valid, corner, stop.offset, _BESIDE, reach)
         square += jnp.sum(surface.r[0] ** 2 * surface.cover)
         cells += jnp.sum(surface.cover > 0.0, dtype=jnp.float32)
-    fresh = jnp.where(cells >= _LEAST_CELLS, 1.0 - jnp.exp(-stop.travel_m / _SCATTER_M), 0.0)
-    return state._replace(variance=state.variance + fresh * (square / jnp.maximum(cells, 1.0) - state.variance))
+    heard = ~model.whole & (cells >= _LEAST_CELLS)
+    return state._replace(variance=renewed(state.variance, square / jnp.maximum(cells, 1.0), heard, stop.travel_m))
 
 
 def report(state: FilterState, surface: Surface, model: Model, crop: int) -> Posterior:

@@ -20,8 +20,8 @@ _LARGEST_R = 0.98
 _SURE = 2.0
 """Standard errors by which what is measured is raised."""
 _TYPICAL, _GROUNDS, _STRETCHES = (0.04, 0.1), (0.5, 0.7), (0.3, 0.85)
-"""Over grounds, arrays of one to three channels: variance of one stop, and of several together for each of them; scatter
-of their logarithms between grounds; relative scatter between stretches of one ground, the largest seen."""
+"""Of arrays of one to three channels: variance of a stop, and, of several together, for each of them; scatter of their
+logarithms between grounds; relative scatter between stretches of one ground, the largest seen."""
 _ELSEWHERE = 12
 """Stretches of a map's own that those of other grounds count for in its tail."""
 _TAILS = np.exp(-np.arange(0.5, 6.01, 0.25))

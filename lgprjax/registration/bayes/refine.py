@@ -21,6 +21,8 @@ from lgprjax.registration.refine import CLIMB_STEPS, Finished, Region, finish_be
 from lgprjax.registration.template_bank import PreparedGround, TileBatch, fixes_to_map, to_tile
 
 _BATCH = 16
+_REFINED_M = 1.0
+"""Of travel, and no less than two wavelengths: stops to a side that refine a fix."""
 _TRACES = 192  # of a template
 _SCALE_STEP = 0.005
 _AWAY = 0.6  # of the wavelength: a climb that ends farther off left its peak
@@ -35,6 +37,11 @@ class Reach(NamedTuple):
     ahead_m: float
 
 
+def refined_m(wavelength_m: float) -> float:
+    """Travel to a side whose stops refine a fix."""
+    return max(_REFINED_M, 2.0 * wavelength_m)
+
+
 def fixes_of(
     stops: Stops,
     found: Followed,
@@ -44,46 +51,52 @@ def fixes_of(
     options: RegisterOptions,
     sigma_scale: float,
     reach: Reach,
+    *,
+    few: bool = False,
 ) -> tuple[Fix, Float[np.ndarray, "stop 2 2"], Float[np.ndarray, " stop"]]:
-    """Fix of every stop; the part of each covariance due to map and odometer; time scales.
+    """Fix of every reported stop; the part of each covariance due to map and odometer; time scales.
 
     Args:
-        stops: of the drive, in the order of travel.
-        found: what the filter reports of them.
+        stops: of the drive, in the order of travel; earlier ones, with their coefficients, before those reported.
+        found: what the filter reports of the last of them.
         led: the filter, for its lattice and likelihood.
         prepared: ground of the map for the array.
         chain: of the drive.
         options: of the search.
         sigma_scale: factor on the match's sigmas.
         reach: of the stops that refine a fix.
+        few: one at a time: a compiled shape.
     """
-    count, wavelength_m = len(stops.number), led.wavelength_m
+    count, wavelength_m = len(found.p_false), led.wavelength_m
+    before = len(stops.number) - count
+    own = Stops(*(field[before:] for field in stops))
     fixes = blank_fixes(count)
     fixes.code[:] = codes_of(found, options.risk)
     fixes.p_false[:] = found.p_false
     scale = np.round(found.scale / _SCALE_STEP) * _SCALE_STEP
     for each in np.unique(scale):
         rows = np.flatnonzero(scale == each)
-        stops.coefficients[rows] = chain.coefficients(stops.filtered[rows], stops.valid[rows], float(each))
-    place = stops.reckoned_m + found.error_m
+        own.coefficients[rows] = chain.coefficients(own.filtered[rows], own.valid[rows], float(each))
+    place = own.reckoned_m + found.error_m
     tiles = _tiles_at(led, place)
     fixes.code[(tiles < 0) & (fixes.code == Code.OK)] = Code.OFF_MAP
     first, last = _around(stops, reach)
-    fixes.window_m[:] = stops.path_m[last] - stops.path_m[first]
+    fixes.window_m[:] = (stops.path_m[last] - stops.path_m[first])[before:]
     profile_ns = len(led.ground.basis.gain) * led.ground.description.settings.sample_interval_ns
     followed = 0.0 if options.time_scale is not None else _FOLLOWED_SCALE
     unknown = unknown_attitude(prepared.array, profile_ns, followed)
-    half = options.half_width(stops.sigma_yaw_rad, options.search_half_m())
+    half = options.half_width(own.sigma_yaw_rad, options.search_half_m())
     half[:, 2:5] = np.hypot(half[:, 2:5], 3.0 * unknown)
     known = led.likelihood
     numbers = (1.0 + fixes.window_m / led.spacing_m) / (known.memory * np.maximum(known.variance, found.variance))
     candidate = np.where(fixes.p_false < 1.0, tiles, -1)
     least = np.float32(least_overlap(prepared.array, wavelength_m))
-    for batch in prepared.batches(candidate, stops.pose[:, 3], stops.speed_mps, _BATCH):
-        rows = np.concatenate([batch.rows, np.full(_BATCH - len(batch.rows), batch.rows[0])])
-        some = _Some(rows, place[rows], found.height_m[rows], half[rows], numbers[rows])
+    size = 1 if few else _BATCH
+    for batch in prepared.batches(candidate, own.pose[:, 3], own.speed_mps, size):
+        rows = np.concatenate([batch.rows, np.full(size - len(batch.rows), batch.rows[0])])
+        some = _Some(before + rows, place[rows], found.height_m[rows], half[rows], numbers[rows])
         _finish(stops, some, first, last, batch, prepared, led, least, fixes)
-    _add_what_no_match_sees(stops, fixes, unknown, sigma_scale)
+    _add_what_no_match_sees(own, fixes, unknown, sigma_scale)
     beside = map_odometry_covariance(prepared, tiles, fixes, 0.0)
     fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
     return fixes, beside, scale
@@ -185,8 +198,9 @@ def _finish(
     fixes.overlap[own], fixes.overlap_channels[own] = found.overlap, found.overlap_channels
     fixes.noise_floor[own] = 1.0 / np.sqrt(np.maximum(some.numbers[:count], 1.0))
     # A heading turns the stops about their middle.
-    middle_m = 0.5 * (stops.reckoned_m[first[own]] + stops.reckoned_m[last[own]]) - stops.reckoned_m[own]
-    turn = rotation(pose[:, 3] - stops.pose[own, 3])
+    at = rows[:count]
+    middle_m = 0.5 * (stops.reckoned_m[first[at]] + stops.reckoned_m[last[at]]) - stops.reckoned_m[at]
+    turn = rotation(pose[:, 3] - stops.pose[at, 3])
     away = np.hypot(*(pose[:, :2] - some.place_m[:count] - middle_m + np.einsum("ijs,sj->si", turn, middle_m)).T)
     lost = ~np.isfinite(pose[:, 0])
     astray = np.asarray(found.unfinished) | (away > _AWAY * wavelength_m)

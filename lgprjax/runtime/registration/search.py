@@ -152,6 +152,7 @@ def options_of(config: RuntimeConfig) -> RegisterOptions:
         own_thresholds=own,
         swarm=FINISH_SWARM if table.finish == "swarm" else None,
         search_swarm=SEARCH_SWARM if table.search == "swarm" else None,
+        filter="causal" if table.search == "filter" else None,
         track=True,
     )
 
@@ -221,7 +222,7 @@ class Search:
         channels, recorded = self._radar.channels, self._radar.recorded
         chain = live_chain(self._held.ground, self._operators, self.array, recorded)
         rows = 1
-        while rows < 2 * (self.drive.search.plan.history + TRACK_SCANS):
+        while rows < 2 * (self.drive.search.history + TRACK_SCANS):
             blank = np.zeros((rows, channels, recorded), np.float32)
             chain.coefficients(blank, np.ones((rows, channels), bool), fixed.time_scale or 1.0)
             rows *= 2
@@ -250,6 +251,7 @@ class Search:
             self.array,
             options,
             chance=self._held.chance,
+            likelihood=None if options.filter is None else self._held.likelihood_for(self.array, self._source),
             recorded=self._radar.recorded,
             prepared=self._held.prepared_for(self.array),
             block_scans=TRACK_SCANS,

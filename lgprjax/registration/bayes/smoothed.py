@@ -10,7 +10,7 @@ from lgprjax.frames import body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.bayes.drive import DriveFilter, Followed, astray_of
 from lgprjax.registration.bayes.likelihood import Likelihood
-from lgprjax.registration.bayes.refine import Reach, fixes_of
+from lgprjax.registration.bayes.refine import Reach, fixes_of, refined_m
 from lgprjax.registration.bayes.smooth import LAG, SEGMENT, join, reversed_report
 from lgprjax.registration.fix import Fix, blank_fixes
 from lgprjax.registration.judge import RegisterOptions
@@ -19,11 +19,8 @@ from lgprjax.registration.search import BLOCK_SCANS, DriveFixes, LiveBlock, live
 from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap
 
-_REFINED_M = 1.0
-"""Of travel, and no less than two wavelengths: stops to a side that refine a fix."""
 
-
-def filter_drive(
+def smooth_drive(
     ground: GroundMap,
     operators: Operators,
     array: ArrayGeometry,
@@ -35,7 +32,7 @@ def filter_drive(
     recorded: int,
     prepared: PreparedGround,
 ) -> DriveFixes:
-    """Fixes of every scan of a drive by the filter: causal, or smoothed by what lies ahead (``options.filter``).
+    """Fixes of every scan of a drive by the filter, smoothed by what lies ahead.
 
     Args:
         ground: from ``ground_map_for`` with the same options.
@@ -51,22 +48,18 @@ def filter_drive(
     chain = live_chain(ground, operators, array, recorded)
     led = DriveFilter(prepared, chain, options, likelihood)
     scans, stops, chosen = _gathered(chain, led, blocks, array, ground)
-    ahead_m = max(_REFINED_M, 2.0 * led.wavelength_m)
-    smoothed = options.filter == "smoothed"
+    side_m = refined_m(led.wavelength_m)
     parts: list[tuple[Fix, np.ndarray, np.ndarray]] = []
     for low in range(0, len(stops.number), SEGMENT):
         high = min(low + SEGMENT, len(stops.number))
         own = Stops(*(field[low : min(high + LAG, len(stops.number))] for field in stops))
-        found = led.follow(Stops(*(field[: high - low] for field in own)), astray_of(stops)[low:high])
-        if smoothed:
-            found = _smoothed(found, own, prepared, chain, options, led)
         here = Stops(*(field[: high - low] for field in own))
-        reach = Reach(ahead_m, ahead_m if smoothed else 0.0)
-        parts.append(fixes_of(here, found, led, prepared, chain, options, sigma_scale, reach))
+        found = _smoothed(led.follow(here, astray_of(stops)[low:high]), own, prepared, chain, options, led)
+        parts.append(fixes_of(here, found, led, prepared, chain, options, sigma_scale, Reach(side_m, side_m)))
     if not parts:
         return _blank(scans)
     fix, beside, scale = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
-    return _spread(scans, chosen, fix, beside, scale, array, nearest=smoothed)
+    return _spread(scans, chosen, fix, beside, scale, array)
 
 
 def _gathered(
@@ -136,22 +129,16 @@ def _spread(
     beside: Float[np.ndarray, "stop 2 2"],
     scale: Float[np.ndarray, " stop"],
     array: ArrayGeometry,
-    *,
-    nearest: bool,
 ) -> DriveFixes:
-    """Fixes of all scans: those of the stop before each, or of the nearest, carried by odometry and heading."""
+    """Fixes of all scans: those of the nearest stop, carried by odometry and heading."""
     count, yaw, leg = len(scans.number), scans.track.pose[:, 3], scans.track.leg
     still = np.zeros(count)
     place = scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *centre_of(array)), axis=1)
     owner = np.maximum(np.searchsorted(stops, np.arange(count), side="right") - 1, 0)
-    if nearest:
-        after = np.minimum(owner + 1, len(stops) - 1)
-        path_m = scans.path_m
-        closer = path_m[stops[after]] - path_m < path_m - path_m[stops[owner]]
-        owner = np.where(closer & (leg[stops[after]] == leg), after, owner)
+    after, path_m = np.minimum(owner + 1, len(stops) - 1), scans.path_m
+    closer = path_m[stops[after]] - path_m < path_m - path_m[stops[owner]]
+    owner = np.where(closer & (leg[stops[after]] == leg), after, owner)
     apart: Bool[np.ndarray, " scan"] = leg[stops[owner]] != leg
-    if not nearest:
-        apart |= np.arange(count) < stops[0]
     spread = Fix(*(np.array(field[owner]) for field in fix))
     for whole, none in zip(spread, blank_fixes(count), strict=True):
         whole[apart] = none[apart]
