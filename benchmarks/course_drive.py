@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.accuracy import Labels, fit_fix_errors, labels_of, relative_error
 from benchmarks.process import hold_to
-from lgprjax.batch.chance import chance_of
+from lgprjax.batch.register import HeldGround
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
 from lgprjax.navigation import RouteSpeeds
@@ -96,16 +96,25 @@ def main() -> None:
     parser.add_argument("--length-m", type=float, required=True)
     parser.add_argument("--picture", type=Path, help="of the first drive, a PNG")
     parser.add_argument("--threads", type=int, required=True)
+    parser.add_argument("--search", choices=("exhaustive", "filter"), default="exhaustive")
     chosen = parser.parse_args()
     hold_to(chosen.threads)
     done: list[dict[str, Any]] = []
+    condition = CONDITIONS[chosen.condition]
+    options = RegisterOptions(filter="causal" if chosen.search == "filter" else None)
     for seed in chosen.seeds:
         picture = None if done else chosen.picture
-        done.append({"seed": seed, **drive_one(CONDITIONS[chosen.condition], seed, chosen.length_m, picture)})
+        done.append({"seed": seed, **drive_one(condition, seed, chosen.length_m, picture, options)})
         chosen.out.write_text(json.dumps({"drives": done}), encoding="utf-8")
 
 
-def drive_one(condition: Condition, seed: int, length_m: float, picture: Path | None = None) -> dict[str, Any]:
+def drive_one(
+    condition: Condition,
+    seed: int,
+    length_m: float,
+    picture: Path | None = None,
+    options: RegisterOptions | None = None,
+) -> dict[str, Any]:
     """Make a course, map it, drive it; its figures."""
     spec = LoopSpec()
     with tempfile.TemporaryDirectory() as name:
@@ -123,8 +132,21 @@ def drive_one(condition: Condition, seed: int, length_m: float, picture: Path | 
             labels = labels_of([log], source.description.frame)
             began = time.perf_counter()
             day = condition.day(7919 * seed + 100 + seed, length_m)
-            options, chance = RegisterOptions(), chance_of(source)
-            drive = drive_course(course, source, spec, setup, route, options, day=day, seed=100 + seed, chance=chance)
+            options = options or RegisterOptions()
+            held = HeldGround(source, options)
+            likelihood = None if options.filter is None else held.likelihood_for(course.array, source)
+            drive = drive_course(
+                course,
+                source,
+                spec,
+                setup,
+                route,
+                options,
+                day=day,
+                seed=100 + seed,
+                chance=held.chance,
+                likelihood=likelihood,
+            )
             seconds = time.perf_counter() - began
     if picture is not None:
         # Whether a file may be replaced was asked before the drive.

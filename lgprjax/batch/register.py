@@ -559,7 +559,9 @@ def register_log(
     time_scale = found.time_scale
     return RegisteredDrive(
         name=log.path.name.removesuffix(".drive.h5"),
-        table=fixes_table(fix, log.scan_time_s, frame, held.ground).assign(time_scale=time_scale),
+        table=fixes_table(fix, log.scan_time_s, frame, held.ground).assign(
+            time_scale=time_scale, **({"smoothed": 1} if options.filter == "smoothed" else {})
+        ),
         fix=fix,
         track=moved.track,
         travel_changed=travel_line(moved),

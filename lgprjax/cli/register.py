@@ -66,9 +66,11 @@ class Register:
     risk: float = 1e-4
     """largest accepted probability of a false fix: probability, per 4 m of travel, that other ground matches as well as
     the fix"""
-    search: Literal["exhaustive", "swarm", "filter", "causal"] = "exhaustive"
+    search: Literal["exhaustive", "swarm", "filter"] = "exhaustive"
     """exhaustive: every position of the search region; swarm: a particle swarm, an independent check, 4 times slower
-    (median of 30 simulated sites); filter, causal: a Bayes filter, with and without later scans (experimental)"""
+    (median of 30 simulated sites); filter: a Bayes filter over the whole drive (experimental)"""
+    causal: bool = False
+    """with --search filter: each fix from earlier scans alone, as on board"""
     finish: Literal["newton", "swarm"] = "newton"
     """refinement of candidate poses: newton (Gauss-Newton), or swarm (a particle swarm around each candidate, without
     derivatives, slower)"""
@@ -105,11 +107,12 @@ class Register:
             "--window-m": self.window_m is not None,
             "--thresholds": self.thresholds is not None,
             "--finish swarm": self.finish == "swarm",
-            "--track": self.track and self.search == "filter",
         }
-        if self.search in ("filter", "causal") and any(beside.values()):
+        if self.search == "filter" and any(beside.values()):
             found = ", ".join(option for option, given in beside.items() if given)
-            raise UsageError(f"--search {self.search}: expected no {', '.join(beside)} with it, found {found}")
+            raise UsageError(f"--search filter: expected no {', '.join(beside)} with it, found {found}")
+        if self.causal and self.search != "filter":
+            raise UsageError(f"--causal: expected --search filter with it, found --search {self.search}")
         own = None if self.thresholds is None else read_thresholds(self.thresholds, self.window_m or 0.0)
         options = RegisterOptions(
             search_m=self.search_m,
@@ -120,7 +123,7 @@ class Register:
             swarm=FINISH_SWARM if self.finish == "swarm" else None,
             search_swarm=SEARCH_SWARM if self.search == "swarm" else None,
             track=self.track,
-            filter="smoothed" if self.search == "filter" else "causal" if self.search == "causal" else None,
+            filter=None if self.search != "filter" else "causal" if self.causal or self.track else "smoothed",
         )
         if self.track:
             options = _options_of_run(self.drives, options)

@@ -192,6 +192,8 @@ def _fixes(
         table, (_, spread) = read_fixes(path), read_fix_poses(path)
         if spread is None:
             raise InputError(path, "/covariance", "fix covariances", "none")
+        if "smoothed" in table and table["smoothed"].any():
+            raise InputError(path, "smoothed", "fixes from earlier scans alone (register --causal), as on board", "1")
         ticks, row = _last_in_tick(table["time_s"].to_numpy(), edges_s)
         ok = table["code"].to_numpy()[row] == "ok"
         # A file older than the column says only which matches were accepted.

@@ -15,9 +15,10 @@ from validation.loops.searched_run import check_one_truth, searched_run
 _SCANS = 200
 
 
-def test_the_fixes_of_a_run_are_those_of_its_drive_log(site: Site, tmp_path: Path) -> None:
+@pytest.mark.parametrize("search", ["exhaustive", "filter"])
+def test_the_fixes_of_a_run_are_those_of_its_drive_log(site: Site, tmp_path: Path, search: str) -> None:
     run, path = tmp_path / "recorded", tmp_path / "run.drive.h5"
-    searched_run(site, run, _SCANS)
+    searched_run(site, run, _SCANS, search)
     again = check_one_truth(site, run, path, _SCANS)
     # The command finds the options that the run was searched with by itself.
     with pytest.raises(SystemExit) as ended:

@@ -24,9 +24,11 @@ RESTART = 0.66
 """Share of the scans until the registration process is started anew."""
 
 
-def searched_run(ground: Site, folder: Path, scans: int) -> None:
+def searched_run(ground: Site, folder: Path, scans: int, search: str = "exhaustive") -> None:
     """Record the ground's live drive as a run whose registration has searched its first scans."""
     run_of_drive(ground, "live", folder)
+    for path in (folder / "config.toml", folder.parent / "CONFIG.toml"):
+        path.write_text(f'{path.read_text()}\n[registration]\nsearch = "{search}"\n')
     config = read_config(folder.parent / "CONFIG.toml")
     records = [unpack(data) for _, data in read_run(folder)]
     parts = [head_bytes(0, 0, mono_ns=MONO_NS)]

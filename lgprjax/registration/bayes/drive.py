@@ -119,6 +119,9 @@ class DriveFilter:
         options: of the search.
         likelihood: of map and array.
         chunk: stops led through the filter together; 1 on board.
+
+    Attributes:
+        fix_tile: that the last fix was refined on.
     """
 
     def __init__(
@@ -160,6 +163,7 @@ class DriveFilter:
         self._last: tuple[float, int, Float[np.ndarray, 2]] | None = None
         self._steps: list[float] = []
         self._told: Followed | None = None
+        self.fix_tile: int | None = None
 
     def choose(self, scans: LiveScans, next_m: float) -> tuple[Int[np.ndarray, " stop"], float]:
         """Scans that become stops, and travel of the next, see ``first_of_each``."""

@@ -136,10 +136,11 @@ def _around(stops: Stops, reach: Reach) -> tuple[Int[np.ndarray, " stop"], Int[n
 
 
 def _tiles_at(led: DriveFilter, place_m: Float[np.ndarray, "stop 2"]) -> Int[np.ndarray, " stop"]:
-    out, tile = np.full(len(place_m), -1), None
+    """Tiles of fixes: one serves as long as it can, however many stops come at once."""
+    out = np.full(len(place_m), -1)
     for row, place in enumerate(place_m):
-        tile = led.ground.tile_holding(tile, place, 1.0)
-        out[row] = -1 if tile is None else tile
+        led.fix_tile = led.ground.tile_holding(led.fix_tile, place, 1.0)
+        out[row] = -1 if led.fix_tile is None else led.fix_tile
     return out
 
 

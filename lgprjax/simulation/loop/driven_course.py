@@ -37,6 +37,7 @@ from lgprjax.registration import (
     ground_map_for,
     sigmas_along_cross,
 )
+from lgprjax.registration.bayes import Likelihood
 from lgprjax.scene import Day, LiveRadar, Readings, ReceiverFaults, SensorFaults, draw_springs
 from lgprjax.simulation.loop.closed_loop import LoopTick, decide, move, tick_record
 from lgprjax.simulation.loop.loop_setup import LoopSetup, LoopSpec, LoopState, TrackingError, start_loop, tracking_error
@@ -83,6 +84,7 @@ class RadarLoop:
         tick_s: of the loop.
         zero_slip_m: of the vehicle, as its filter has it.
         chance: of the map.
+        likelihood: of map and array, where the search is a filter.
 
     Raises:
         ValueError: a tick is not a whole number of the course's scans.
@@ -100,6 +102,7 @@ class RadarLoop:
         tick_s: float,
         zero_slip_m: float,
         chance: Chance = POOLED,
+        likelihood: Likelihood | None = None,
     ) -> None:
         self._course, self._tick_s, self._scans = course, tick_s, _scans_a_tick(course.spec, tick_s)
         self.frame: SceneFrame = scene_frame_of(source.description.frame)
@@ -127,7 +130,14 @@ class RadarLoop:
         )
         array = course.array._replace(zero_slip_m=zero_slip_m)
         self._search = Registration(
-            ground, operators, array, options, chance=chance, recorded=known.samples, block_scans=self._scans
+            ground,
+            operators,
+            array,
+            options,
+            chance=chance,
+            likelihood=likelihood,
+            recorded=known.samples,
+            block_scans=self._scans,
         )
         self._rng = np.random.default_rng([seed, 31])
         self._roll_error = _ROLL_SIGMA_RAD * self._rng.normal()
@@ -353,6 +363,7 @@ def drive_course(
     day: Day,
     seed: int,
     chance: Chance = POOLED,
+    likelihood: Likelihood | None = None,
     progress: Callable[[int], None] = lambda _: None,
 ) -> DrivenCourse:
     """Drive a course's route from its start to its end.
@@ -366,6 +377,7 @@ def drive_course(
         day: the live one.
         seed: of the faults of the radar, and of all noise.
         chance: of the map.
+        likelihood: of map and array, where the search is a filter.
         progress: called for every tick.
 
     Raises:
@@ -384,6 +396,7 @@ def drive_course(
         tick_s=spec.tick_s,
         zero_slip_m=float(setup.navigator.model.zero_slip_m),
         chance=chance,
+        likelihood=likelihood,
     )
     true, along_m = _start_of(source, course)
     planner, code = acquire(find_starts(route, setup.autopilot.planner, setup.autopilot.chassis, true))
