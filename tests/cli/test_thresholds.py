@@ -52,6 +52,7 @@ def test_what_thresholds_cannot_be_made_or_used_for(site: Site, calibrated: Path
     bare = ("register", site.map, live, "-o", tmp_path / "out", "--thresholds", calibrated)
     assert run(*bare).about == "--thresholds"
     assert run(*bare, "--window-m", 2, "--search", "filter").about == "--search filter"
+    assert run(*bare, "--window-m", 2, "--causal").about == "--causal"
     done = run(*bare, "--window-m", 1)
     assert done.status == 1
     done.refusal.check("window_m", file=calibrated)

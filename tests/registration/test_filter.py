@@ -12,7 +12,8 @@ from batch.other_days import drive_over, village
 from canon.site import Site
 from lgprjax.batch import RegisteredDrive, register_log
 from lgprjax.batch.register import true_errors
-from lgprjax.formats import DriveLog, MapFile
+from lgprjax.cli import main
+from lgprjax.formats import DriveLog, MapFile, read_fixes
 from lgprjax.registration import RegisterOptions, Track
 from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run, weigh
 from lgprjax.registration.bayes.likelihood import RHOS, Likelihood, measure_likelihood
@@ -357,12 +358,15 @@ def test_snow_and_rain_are_located(site: Site, day: str, tmp_path: Path) -> None
     assert off_m.max() < 0.15
 
 
-def test_other_ground_is_refused(site: Site) -> None:
-    """On the way, and with what lies ahead."""
-    for causal in (True, False):
-        drive = registered(site, site.logs["impostor"], causal)
-        assert not (drive.table["code"] == "ok").any()
-        assert float(drive.table["p_false"].min()) > 1e-2
+@pytest.mark.parametrize("more", [["--causal"], []], ids=["causal", "smoothed"])
+def test_other_ground_is_refused(site: Site, tmp_path: Path, more: list[str]) -> None:
+    """On the way, and with what lies ahead, which the table tells."""
+    with pytest.raises(SystemExit):
+        main(["register", str(site.map), str(site.logs["impostor"]), "-o", str(tmp_path), "--search", "filter", *more])
+    table = read_fixes(tmp_path / "impostor.fixes.csv")
+    assert not (table["code"] == "ok").any()
+    assert float(table["p_false"].min()) > 1e-2
+    assert ("smoothed" in table) == (not more)
 
 
 @pytest.mark.parametrize("chords", [False, True], ids=["odometer", "positions"])

@@ -80,6 +80,8 @@ def test_a_missing_map_and_a_vehicle_without_its_numbers_are_refused(folder: Pat
         ("[control]", "[control]\ncross_sigmas_m = [0.1, 0.3, 0.2]", "control.cross_sigmas_m"),
         ("[control]", "[control]\ncross_sigmas_m = [0.1, 0.2]", "control.cross_sigmas_m"),
         ("[control]", "[control]\nslow_mps = 0.0", "control.slow_mps"),
+        ("[control]", '[registration]\nsearch = "filter"\nwindow_m = 2\n[control]', "registration.window_m"),
+        ("[control]", '[registration]\nsearch = "filter"\nfinish = "swarm"\n[control]', "registration.finish"),
     ],
 )
 def test_a_configuration_that_is_wrong_names_the_place(folder: Path, old: str, new: str, place: str) -> None:

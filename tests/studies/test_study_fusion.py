@@ -13,6 +13,8 @@ from lgprjax.formats import (
     VehicleFile,
     VehicleLog,
     load_schema,
+    read_fix_poses,
+    read_fixes,
     read_study,
     write_fixes,
     write_vehicle,
@@ -219,6 +221,19 @@ def test_log_without_fixes_or_gyro_is_one_line(folder: Path, tmp_path: Path) -> 
     with pytest.raises(InputError) as caught:
         run_study(read_study(tmp_path / "s.toml"))
     assert "lonely.fixes.h5" in str(caught.value)
+    # A vehicle does not know what lies ahead.
+    known, (_, spread) = read_fixes(folder / "one.fixes.h5"), read_fix_poses(folder / "one.fixes.h5")
+    names = ("name", "map", "t0_utc", "anchor_latitude_deg", "anchor_longitude_deg", "anchor_height_m", "provenance")
+    write_fixes(
+        tmp_path / "lonely.fixes.csv",
+        tmp_path / "lonely.fixes.h5",
+        known.assign(smoothed=1),
+        attributes={name: known.attrs[name] for name in names},
+        covariance=spread,
+    )
+    with pytest.raises(InputError) as caught:
+        run_study(read_study(tmp_path / "s.toml"))
+    assert refusal_in(caught.value).place == "smoothed"
     log = VehicleLog.open(path)
     with pytest.raises(InputError) as caught:
         tick_drive(VehicleLog(**{**log.__dict__, "vehicle": None}), path, None)
