@@ -1,12 +1,11 @@
 """The filter fed with a drive's scans in order, a few or a block at a time: each fix from earlier scans alone."""
 
-import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from lgprjax.registration.bayes.drive import CHUNK, SMOOTH_M, DriveFilter, astray_of
+from lgprjax.registration.bayes.drive import CHUNK, SMOOTH_M, DriveFilter, Followed, astray_of
 from lgprjax.registration.bayes.likelihood import Likelihood
-from lgprjax.registration.bayes.refine import Reach, fixes_of, refined_m
+from lgprjax.registration.bayes.refine import Reach, fill_coefficients, fixes_of, refined_m
 from lgprjax.registration.fix import Fix, blank_fixes
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.queries import LiveChain, LiveScans, Stops, stops_of
@@ -66,20 +65,23 @@ class FilterSearch:
         if scans.settled and self._unheard:
             fresh, astray = slice(len(stops.number) - self._unheard, None), astray_of(stops)
             found = self.filter.follow(Stops(*(field[fresh] for field in stops)), astray[fresh])
-            made = fixes_of(
-                stops,
-                found,
-                self.filter,
-                self._prepared,
-                self._chain,
-                self._options,
-                self._sigma_scale,
-                self._reach,
-                few=self._few,
-            )
             late = int(np.searchsorted(scans.path_m[chosen], scans.settled_m)) if self._few else 0
-            answered, before = chosen[late:], len(found.p_false) - len(chosen) + late
-            fix, beside, scale = jax.tree.map(lambda field: field[before:], made)
+            answered, first = chosen[late:], len(stops.number) - len(chosen) + late
+            before = first - fresh.start
+            earlier = Followed(*(field[:before] for field in found))
+            fill_coefficients(Stops(*(field[fresh.start : first] for field in stops)), earlier, self._chain)
+            if len(answered):
+                fix, beside, scale = fixes_of(
+                    stops,
+                    Followed(*(field[before:] for field in found)),
+                    self.filter,
+                    self._prepared,
+                    self._chain,
+                    self._options,
+                    self._sigma_scale,
+                    self._reach,
+                    few=self._few,
+                )
             self._unheard = 0
         if len(stops.number):
             kept_m = max(self._reach.behind_m, SMOOTH_M)

@@ -73,10 +73,7 @@ def fixes_of(
     fixes = blank_fixes(count)
     fixes.code[:] = codes_of(found, options.risk)
     fixes.p_false[:] = found.p_false
-    scale = np.round(found.scale / _SCALE_STEP) * _SCALE_STEP
-    for each in np.unique(scale):
-        rows = np.flatnonzero(scale == each)
-        own.coefficients[rows] = chain.coefficients(own.filtered[rows], own.valid[rows], float(each))
+    scale = fill_coefficients(own, found, chain)
     place = own.reckoned_m + found.error_m
     tiles = _tiles_at(led, place)
     fixes.code[(tiles < 0) & (fixes.code == Code.OK)] = Code.OFF_MAP
@@ -100,6 +97,15 @@ def fixes_of(
     beside = map_odometry_covariance(prepared, tiles, fixes, 0.0)
     fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
     return fixes, beside, scale
+
+
+def fill_coefficients(stops: Stops, found: Followed, chain: LiveChain) -> Float[np.ndarray, " stop"]:
+    """Give stops their coefficients, each at the time scale that is reported of it. Returns these scales."""
+    scale = np.round(found.scale / _SCALE_STEP) * _SCALE_STEP
+    for each in np.unique(scale):
+        rows = np.flatnonzero(scale == each)
+        stops.coefficients[rows] = chain.coefficients(stops.filtered[rows], stops.valid[rows], float(each))
+    return np.asarray(scale)
 
 
 def codes_of(found: Followed, risk: float) -> Int[np.ndarray, " stop"]:
