@@ -40,8 +40,8 @@ _SURE = 1.3
 """Safety margin of the fitted tail, in standard errors."""
 
 
-_POOLED_SIGMA = 1.25
-"""Root of the normalised squared error that matches on many grounds had, about 1.6."""
+POOLED_SIGMA = 1.25
+"""Root of the normalised squared error that the search's matches on many grounds had, about 1.6."""
 _POOLED_WEIGHT = 20.0
 """Pieces that what many grounds have counts for, beside a map's own."""
 _MOST_SIGMA = 3.0
@@ -72,7 +72,7 @@ class Chance(NamedTuple):
     area_m2: Float[np.ndarray, " window"]
     pieces: int
     own: bool
-    sigma_scale: float = _POOLED_SIGMA
+    sigma_scale: float = POOLED_SIGMA
     left_out: int = 0
     label_scatter_m: float = 0.0
 
@@ -160,7 +160,7 @@ def fit_sigma_scale(
     here, there = (max(1.0, 2.0 * each_m / wavelength_m) for each_m in (line_spacing_m, left_out_spacing_m))
     # A wrong match among them would be all that the mean tells.
     known = np.minimum(squared, 4.0 * _MOST_SIGMA**2) * here / there
-    own = (_POOLED_WEIGHT * _POOLED_SIGMA**2 * here + float(np.sum(known))) / (_POOLED_WEIGHT + len(known))
+    own = (_POOLED_WEIGHT * POOLED_SIGMA**2 * here + float(np.sum(known))) / (_POOLED_WEIGHT + len(known))
     return float(np.clip(np.sqrt(own), 1.0, _MOST_SIGMA)), len(known)
 
 

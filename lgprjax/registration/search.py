@@ -144,7 +144,7 @@ class Registration:
         else:
             search = EvidenceSearch if options.search_swarm is None else SwarmSearch
             self.search = search(self.prepared, self._chain, options, chance, block_scans)
-        self._last: tuple[Fix, np.ndarray, np.ndarray, float] | None = None
+        self._last: Searched | None = None
 
     def feed(self, block: LiveBlock) -> DriveFixes:
         """Fixes of the scans of a block."""
@@ -218,51 +218,74 @@ class Registration:
         beside: Float[np.ndarray, "stop 2 2"],
         scale: Float[np.ndarray, " stop"],
     ) -> DriveFixes:
-        """Fixes of all scans: those of searched scans, propagated by odometry and heading to the others."""
-        yaw, nothing = scans.track.pose[:, 3], np.full(len(scans.number), np.nan)
-        still = np.zeros(len(yaw))
-        place = scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *self._centre), axis=1)
-        leg, searched = scans.track.leg, np.zeros(len(yaw), bool)
-        searched[stops] = True
-        here = np.concatenate([place[stops], yaw[stops, None], leg[stops, None]], axis=1)
+        """Fixes of all scans: each that of the last searched one."""
+        place = places_of(scans, self._centre)
+        found = Searched(fix, place[stops], scans.track.leg[stops], beside, scale)
+        owner = np.searchsorted(stops, np.arange(len(place)), side="right") - 1
         if self._last is not None:
-            fix = Fix(*(np.concatenate([a, b]) for a, b in zip(self._last[0], fix, strict=True)))
-            here, beside = np.concatenate([self._last[1], here]), np.concatenate([self._last[2], beside])
-            scale = np.concatenate([[self._last[3]], scale])
-        before = 0 if self._last is None else 1
-        owner = np.searchsorted(stops, np.arange(len(yaw)), side="right") - 1 + before
-        if not len(fix.code):
-            return DriveFixes(
-                scans.number,
-                blank_fixes(len(yaw)),
-                np.full((len(yaw), 2, 2), np.nan),
-                np.ones(len(yaw)),
-                searched,
-                nothing,
-            )
-        known = np.maximum(owner, 0)
-        spread = Fix(*(np.array(field[known]) for field in fix))
-        # The travel from one leg to the next is unknown.
-        apart = (owner < 0) | (here[known, 3] != leg)
-        blank = blank_fixes(len(yaw))
-        for whole, none in zip(spread, blank, strict=True):
-            whole[apart] = none[apart]
-        pose = np.array(spread.pose)
-        # The matched heading turns the little travel since, where the prior's is wrong.
-        off = np.mod(pose[:, 3] - here[known, 2] + np.pi, 2.0 * np.pi) - np.pi
-        moved = place - here[known, :2]
-        cos, sin = np.cos(off), np.sin(off)
-        pose[:, 0] += cos * moved[:, 0] - sin * moved[:, 1]
-        pose[:, 1] += sin * moved[:, 0] + cos * moved[:, 1]
-        pose[:, 3] += yaw - here[known, 2]
-        spread = spread._replace(pose=pose)
-        self._last = (
-            Fix(*(field[-1:] for field in fix)),
-            here[-1:],
-            beside[-1:],
-            float(scale[-1]),
-        )
-        return DriveFixes(scans.number, spread, beside[known], scale[known], searched, nothing)
+            found = jax.tree.map(lambda *fields: np.concatenate(fields), self._last, found)
+            owner = owner + 1
+        if len(found.leg):
+            self._last = jax.tree.map(lambda field: field[-1:], found)
+        searched = np.zeros(len(place), bool)
+        searched[stops] = True
+        return propagate(scans, place, found, owner, searched)
+
+
+class Searched(NamedTuple):
+    """Scans that were searched.
+
+    Attributes:
+        fix: of each.
+        place: see ``places_of``.
+        leg: of each.
+        beside: the part of the covariance due to map and odometer.
+        scale: time scale.
+    """
+
+    fix: Fix
+    place: Float[np.ndarray, "stop 3"]
+    leg: Int[np.ndarray, " stop"]
+    beside: Float[np.ndarray, "stop 2 2"]
+    scale: Float[np.ndarray, " stop"]
+
+
+def places_of(scans: LiveScans, centre: tuple[float, float]) -> Float[np.ndarray, "scan 3"]:
+    """The array's centre by dead reckoning, east and north, and the heading."""
+    yaw = scans.track.pose[:, 3]
+    still = np.zeros(len(yaw))
+    return np.column_stack([scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *centre), axis=1), yaw])
+
+
+def propagate(
+    scans: LiveScans,
+    place: Float[np.ndarray, "scan 3"],
+    found: Searched,
+    owner: Int[np.ndarray, " scan"],
+    searched: Bool[np.ndarray, " scan"],
+) -> DriveFixes:
+    """Fixes of all scans: that of a searched one each (``owner``; -1: none), propagated by odometry and heading."""
+    count, nothing = len(place), np.full(len(place), np.nan)
+    blank = blank_fixes(count)
+    if not len(found.leg):
+        return DriveFixes(scans.number, blank, np.full((count, 2, 2), np.nan), np.ones(count), searched, nothing)
+    known = np.maximum(owner, 0)
+    spread = Fix(*(np.array(field[known]) for field in found.fix))
+    # The travel from one leg to the next is unknown.
+    apart = (owner < 0) | (found.leg[known] != scans.track.leg)
+    for whole, none in zip(spread, blank, strict=True):
+        whole[apart] = none[apart]
+    pose, start = np.array(spread.pose), found.place[known]
+    # The matched heading turns the little travel since, where the prior's is wrong.
+    off = np.mod(pose[:, 3] - start[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    moved = place - start
+    cos, sin = np.cos(off), np.sin(off)
+    pose[:, 0] += cos * moved[:, 0] - sin * moved[:, 1]
+    pose[:, 1] += sin * moved[:, 0] + cos * moved[:, 1]
+    pose[:, 3] += moved[:, 2]
+    return DriveFixes(
+        scans.number, spread._replace(pose=pose), found.beside[known], found.scale[known], searched, nothing
+    )
 
 
 def register_drive(

@@ -20,7 +20,7 @@ class FilterSearch:
         chain: of the drive.
         options: of the search.
         likelihood: of map and array.
-        sigma_scale: factor on the sigmas of matches on this map.
+        sigma_scale: of the map, measured by the search's matches.
         block_scans: largest number of scans that ``feed`` is given: decides the compiled shapes.
     """
 

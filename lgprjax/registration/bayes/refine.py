@@ -15,7 +15,7 @@ from lgprjax.registration.bayes.drive import DriveFilter, Followed
 from lgprjax.registration.candidates import map_odometry_covariance
 from lgprjax.registration.estimates import unknown_attitude
 from lgprjax.registration.fix import WRONG_M, Code, Fix, blank_fixes
-from lgprjax.registration.judge import RegisterOptions
+from lgprjax.registration.judge import POOLED_SIGMA, RegisterOptions
 from lgprjax.registration.queries import LiveChain, Stops, least_overlap, rotation, templates_of
 from lgprjax.registration.refine import CLIMB_STEPS, Finished, Region, finish_best
 from lgprjax.registration.template_bank import PreparedGround, TileBatch, fixes_to_map, to_tile
@@ -63,7 +63,7 @@ def fixes_of(
         prepared: ground of the map for the array.
         chain: of the drive.
         options: of the search.
-        sigma_scale: factor on the match's sigmas.
+        sigma_scale: of the map, measured by the search's matches.
         reach: of the stops that refine a fix.
         few: one at a time: a compiled shape.
     """
@@ -93,7 +93,8 @@ def fixes_of(
         rows = np.concatenate([batch.rows, np.full(size - len(batch.rows), batch.rows[0])])
         some = _Some(before + rows, place[rows], found.height_m[rows], half[rows], numbers[rows])
         _finish(stops, some, first, last, batch, prepared, led, least, fixes)
-    _add_what_no_match_sees(own, fixes, unknown, sigma_scale)
+    # Matches of the filter weigh several stops by how they depend on each other: they need no pooled scale.
+    _add_what_no_match_sees(own, fixes, unknown, max(sigma_scale / POOLED_SIGMA, 1.0))
     beside = map_odometry_covariance(prepared, tiles, fixes, 0.0)
     fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
     return fixes, beside, scale

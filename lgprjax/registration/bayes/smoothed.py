@@ -4,18 +4,17 @@ from collections.abc import Iterable
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from lgprjax.frames import body_to_local
 from lgprjax.radar import ArrayGeometry, centre_of
 from lgprjax.registration.bayes.drive import DriveFilter, Followed, astray_of
 from lgprjax.registration.bayes.likelihood import Likelihood
 from lgprjax.registration.bayes.refine import Reach, fixes_of, refined_m
 from lgprjax.registration.bayes.smooth import LAG, SEGMENT, join, reversed_report
-from lgprjax.registration.fix import Fix, blank_fixes
+from lgprjax.registration.fix import blank_fixes
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.queries import LiveChain, LiveScans, Operators, Stops, stops_of
-from lgprjax.registration.search import BLOCK_SCANS, DriveFixes, LiveBlock, live_chain
+from lgprjax.registration.search import BLOCK_SCANS, DriveFixes, LiveBlock, Searched, live_chain, places_of, propagate
 from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap
 
@@ -41,7 +40,7 @@ def smooth_drive(
         blocks: the drive's scans in order.
         options: of the search.
         likelihood: of map and array.
-        sigma_scale: factor on the sigmas of matches on this map.
+        sigma_scale: of the map, measured by the search's matches.
         recorded: numbers of a trace.
         prepared: of ground and array.
     """
@@ -49,17 +48,16 @@ def smooth_drive(
     led = DriveFilter(prepared, chain, options, likelihood)
     scans, stops, chosen = _gathered(chain, led, blocks, array, ground)
     side_m = refined_m(led.wavelength_m)
-    parts: list[tuple[Fix, np.ndarray, np.ndarray]] = []
+    astray, parts = astray_of(stops), [(blank_fixes(0), np.zeros((0, 2, 2)), np.zeros(0))]
     for low in range(0, len(stops.number), SEGMENT):
         high = min(low + SEGMENT, len(stops.number))
         own = Stops(*(field[low : min(high + LAG, len(stops.number))] for field in stops))
         here = Stops(*(field[: high - low] for field in own))
-        found = _smoothed(led.follow(here, astray_of(stops)[low:high]), own, prepared, chain, options, led)
+        found = _smoothed(led.follow(here, astray[low:high]), own, prepared, chain, options, led)
         parts.append(fixes_of(here, found, led, prepared, chain, options, sigma_scale, Reach(side_m, side_m)))
-    if not parts:
-        return _blank(scans)
     fix, beside, scale = jax.tree.map(lambda *fields: np.concatenate(fields), *parts)
-    return _spread(scans, chosen, fix, beside, scale, array)
+    place = places_of(scans, centre_of(array))
+    return _spread(scans, chosen, Searched(fix, place[chosen], scans.track.leg[chosen], beside, scale), place)
 
 
 def _gathered(
@@ -114,42 +112,15 @@ def _smoothed(
     return Followed(*(field[:count] for field in both))
 
 
-def _blank(scans: LiveScans) -> DriveFixes:
-    count = len(scans.number)
-    nothing = np.full(count, np.nan)
-    return DriveFixes(
-        scans.number, blank_fixes(count), np.full((count, 2, 2), np.nan), np.ones(count), np.zeros(count, bool), nothing
-    )
-
-
-def _spread(
-    scans: LiveScans,
-    stops: np.ndarray,
-    fix: Fix,
-    beside: Float[np.ndarray, "stop 2 2"],
-    scale: Float[np.ndarray, " stop"],
-    array: ArrayGeometry,
-) -> DriveFixes:
-    """Fixes of all scans: those of the nearest stop, carried by odometry and heading."""
-    count, yaw, leg = len(scans.number), scans.track.pose[:, 3], scans.track.leg
-    still = np.zeros(count)
-    place = scans.dead_reckoned_m + np.stack(body_to_local(still, still, yaw, *centre_of(array)), axis=1)
-    owner = np.maximum(np.searchsorted(stops, np.arange(count), side="right") - 1, 0)
-    after, path_m = np.minimum(owner + 1, len(stops) - 1), scans.path_m
-    closer = path_m[stops[after]] - path_m < path_m - path_m[stops[owner]]
-    owner = np.where(closer & (leg[stops[after]] == leg), after, owner)
-    apart: Bool[np.ndarray, " scan"] = leg[stops[owner]] != leg
-    spread = Fix(*(np.array(field[owner]) for field in fix))
-    for whole, none in zip(spread, blank_fixes(count), strict=True):
-        whole[apart] = none[apart]
-    pose, at = np.array(spread.pose), stops[owner]
-    off = np.mod(pose[:, 3] - yaw[at] + np.pi, 2.0 * np.pi) - np.pi
-    moved = place - place[at]
-    cos, sin = np.cos(off), np.sin(off)
-    pose[:, 0] += cos * moved[:, 0] - sin * moved[:, 1]
-    pose[:, 1] += sin * moved[:, 0] + cos * moved[:, 1]
-    pose[:, 3] += yaw - yaw[at]
+def _spread(scans: LiveScans, stops: np.ndarray, found: Searched, place: Float[np.ndarray, "scan 3"]) -> DriveFixes:
+    """Fixes of all scans: each that of the nearest stop of its leg."""
+    count, leg, path_m = len(scans.number), scans.track.leg, scans.path_m
     searched = np.zeros(count, bool)
     searched[stops] = True
-    nothing = np.full(count, np.nan)
-    return DriveFixes(scans.number, spread._replace(pose=pose), beside[owner], scale[owner], searched, nothing)
+    if not len(stops):
+        return propagate(scans, place, found, np.full(count, -1), searched)
+    owner = np.maximum(np.searchsorted(stops, np.arange(count), side="right") - 1, 0)
+    after = np.minimum(owner + 1, len(stops) - 1)
+    closer = path_m[stops[after]] - path_m < path_m - path_m[stops[owner]]
+    owner = np.where(closer & (leg[stops[after]] == leg), after, owner)
+    return propagate(scans, place, found, owner, searched)
