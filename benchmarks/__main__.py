@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.status import Status
 from tyro.conf import Positional, arg
 
+from lgprjax.cli.command import keep_compiled
 from lgprjax.cli.terminal import console, run_verb
-from lgprjax.cli.verbs import keep_compiled
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:

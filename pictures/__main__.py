@@ -38,7 +38,7 @@ def _list() -> int:
 
 def _draw(names: list[str], output: Path | None) -> int:
     # Imported late: a list needs no JAX.
-    from lgprjax.cli.verbs import keep_compiled
+    from lgprjax.cli.command import keep_compiled
     from pictures.loop import looks_alike
     from pictures.reports import NoDataError
 

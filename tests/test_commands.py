@@ -20,7 +20,8 @@ import benchmarks.__main__ as benchmarks
 from canon.commands import run, shell, succeed
 from canon.story import COMMANDS, story_of
 from drawn_field import Drive, cover_rows, write_cover_run
-from lgprjax.cli.verbs import every_verb, parsed
+from lgprjax.cli.command import parsed
+from lgprjax.cli.verbs import every_verb
 from shown_commands import (
     HOW_TO,
     PAGES,
@@ -128,7 +129,7 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
         words.append(list(given))
         return int(parsed(given) is None)
 
-    monkeypatch.setattr("lgprjax.cli.verbs._parse_and_run", note)
+    monkeypatch.setattr("lgprjax.cli.command._parse_and_run", note)
     return words
 
 

@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1] / "lgprjax"
@@ -52,6 +53,24 @@ def test_no_way_leads_from_a_room_back_to_it() -> None:
             reached |= ahead
             ahead = {far for near in ahead for far in arrows.get(near, set())} - reached
         assert room not in reached
+
+
+def test_no_module_imports_itself_by_a_detour() -> None:
+    """At whatever depth, types as well; the root's own names alone, such as the version, are for all."""
+    names = {".".join(path.relative_to(_PACKAGE.parent).with_suffix("").parts): path for path in _PACKAGE.rglob("*.py")}
+    modules = {name.removesuffix(".__init__"): path for name, path in names.items()}
+    graph: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        found = {
+            within if (within := f"{node.module}.{part.name}") in modules else node.module
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom) and node.module
+            for part in node.names
+        }
+        graph[name] = (found & modules.keys()) - {name, "lgprjax"}
+    assert graph["lgprjax.registration"] > {"lgprjax.registration.search"}
+    TopologicalSorter(graph).prepare()
 
 
 def test_a_numeric_room_knows_nothing_of_the_host() -> None:

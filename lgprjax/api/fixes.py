@@ -11,8 +11,8 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, told_as_arguments, whole_number
-from lgprjax.api.maps import Map, held_ground, using_map
-from lgprjax.errors import ArgumentError, InputError
+from lgprjax.api.maps import check_options, held_ground, using_map
+from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, read_fixes
 from lgprjax.registration import Fix, RegisterOptions
@@ -163,20 +163,6 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
             result=result,
             _saved_with=(done, opened.path, path.absolute(), options, sha256),
         )
-
-
-def check_options(options: RegisterOptions, site: Map) -> None:
-    """Refuse invalid search options.
-
-    Raises:
-        InputError: an option is out of its range, or the search region is too small or too large for this map.
-    """
-    from lgprjax.batch import check_region, check_search
-
-    if not isinstance(options, RegisterOptions):
-        raise ArgumentError("options", "RegisterOptions", repr(options)[:60])
-    check_search(options)
-    check_region(options.search_m, site.source)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
 from lgprjax.api.inputs import PathLike, axes_or_new, path_of, paths_of, require_number, told_as_arguments
-from lgprjax.errors import InputError, refuse_own_input
+from lgprjax.errors import ArgumentError, InputError, refuse_own_input
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile
 
@@ -122,8 +122,12 @@ class Map:
             InputError: no scans, scans too far apart, or scans off the map.
         """
         from lgprjax.api.matching import batch_of
+        from lgprjax.registration import RegisterOptions
 
-        return batch_of(self, path_of(drive, "drive"), scans, options=options, window_m=window_m)
+        options = RegisterOptions() if options is None else options
+        check_options(options, self)
+        path = path_of(drive, "drive")
+        return batch_of(self.source, held_ground(self, options), path, scans, options=options, window_m=window_m)
 
     def refine(self, output: PathLike, *, force: bool = False) -> "ChangedMap":
         """Align the baselines: register each on the others, correct its position labels, write a new map.
@@ -285,6 +289,21 @@ def build_map(
             force=force,
         )
     return open_map(file)
+
+
+def check_options(options: "RegisterOptions", site: Map) -> None:
+    """Refuse invalid search options.
+
+    Raises:
+        InputError: an option is out of its range, or the search region is too small or too large for this map.
+    """
+    from lgprjax.batch import check_region, check_search
+    from lgprjax.registration import RegisterOptions
+
+    if not isinstance(options, RegisterOptions):
+        raise ArgumentError("options", "RegisterOptions", repr(options)[:60])
+    check_search(options)
+    check_region(options.search_m, site.source)
 
 
 def held_ground(site: Map, options: "RegisterOptions") -> "HeldGround":

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.api.inputs import require_number, require_slice
 from lgprjax.errors import InputError
-from lgprjax.formats import DriveLog
+from lgprjax.formats import DriveLog, MapFile
 from lgprjax.registration import (
     BLOCK_SCANS,
     MIN_OVERLAP,
@@ -38,7 +38,7 @@ from lgprjax.registration.refine import PRIOR
 from lgprjax.subsurface import GroundMap, Tile
 
 if TYPE_CHECKING:
-    from lgprjax.api.maps import Map
+    from lgprjax.batch import HeldGround
 
 _TOGETHER = 16  # scans whose products with all cells of a tile are in memory together
 _FARTHEST_M = 30.0  # largest distance of a scan from the middle of its batch
@@ -220,25 +220,21 @@ def _still(field: Array) -> Array | np.ndarray:
     return np.zeros(field.shape, jax.dtypes.float0)
 
 
-def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions | None, window_m: float) -> Batch:
+def batch_of(
+    source: MapFile, held: "HeldGround", path: Path, scans: slice, *, options: RegisterOptions, window_m: float
+) -> Batch:
     """Scans of a drive for ``match``; see ``Map.batch``.
 
     Raises:
         InputError: as ``Map.batch`` does, or the drive cannot be used on this map.
     """
-    from lgprjax.api.fixes import check_options
-    from lgprjax.api.maps import held_ground
     from lgprjax.batch.recording import AS_STATED, live_operators, track_of_drive
     from lgprjax.batch.register import find_alignment, may_be_misaligned, reversed_track
 
-    options = RegisterOptions() if options is None else options
-    source = site.source
     description = source.description
     require_number("window_m", window_m, f"0 to {_FARTHEST_M:g}", 0.0, _FARTHEST_M)
     require_slice(scans)
-    check_options(options, site)
     with DriveLog.open(path) as log:
-        held = held_ground(site, options)
         track = track_of_drive(log, description.frame).track
         alignment = find_alignment(source, log, track, options, held) if may_be_misaligned(log) else AS_STATED
         if alignment.reversed:
@@ -247,7 +243,7 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
         if not len(chosen):
             raise InputError(path, "scans", f"a slice with scans from 0 to {log.scans - 1}", str(scans))
         half_m = options.search_half_m(track.sigma_m[chosen])
-        ground, number = _ground_about(site, track.pose[chosen, :2], half_m + window_m, path)
+        ground, number = _ground_about(source, track.pose[chosen, :2], half_m + window_m, path)
         operators = live_operators(source, log, track, alignment)
         chain = live_chain(ground, operators, log.description.array, int(operators(1.0).shape[0]))
         spacing_m = _WINDOW_SPACING * description.settings.wavelength_m
@@ -281,10 +277,10 @@ def batch_of(site: "Map", path: Path, scans: slice, *, options: RegisterOptions 
 
 
 def _ground_about(
-    site: "Map", places_m: Float[np.ndarray, "scan 2"], room_m: float, path: Path
+    source: MapFile, places_m: Float[np.ndarray, "scan 2"], room_m: float, path: Path
 ) -> tuple[GroundMap, int]:
     """A map with tiles long enough for these places, and the number of the tile that contains them."""
-    description = site.source.description
+    description = source.description
     middle = 0.5 * (places_m.min(axis=0) + places_m.max(axis=0))
     spread_m = float(np.max(np.hypot(*(places_m - middle).T)))
     if spread_m > _FARTHEST_M:
@@ -293,10 +289,10 @@ def _ground_about(
     array_m = 0.5 * description.channels * description.channel_pitch_m
     half_m = spread_m + 1.5 * (room_m + 0.5) + array_m + description.tile_spacing_m
     half_m = _EXTENT_STEP_M * float(np.ceil(half_m / _EXTENT_STEP_M))
-    ground = GroundMap(site.source, half_along_m=half_m, half_cross_m=half_m)
+    ground = GroundMap(source, half_along_m=half_m, half_cross_m=half_m)
     number = ground.tile_near(middle, room_m)
     if number is None:
-        raise InputError(path, "scans", f"scans over the map {site.name}", "scans outside the map")
+        raise InputError(path, "scans", f"scans over the map {source.description.name}", "scans outside the map")
     return ground, number
 
 

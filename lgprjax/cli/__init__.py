@@ -14,7 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Nothing is imported before it is called, so that Ctrl-C ends it in one line from its first instant.
     """
     try:
-        from lgprjax.cli.verbs import run_command
+        from lgprjax.cli.command import run_command
 
         status = run_command(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:

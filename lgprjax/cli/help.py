@@ -15,7 +15,7 @@ SHARED = (
     Option(("-q", "--quiet"), "", "print only errors and the result", "", False, 0, (), ()),
     Option(("-v", "--verbose"), "", "also print durations and details", "", False, 0, (), ()),
 )
-"""Options of every command. ``lgprjax.cli.verbs`` reads them before the command is parsed."""
+"""Options of every command. ``lgprjax.cli.command`` reads them before the command is parsed."""
 _WHAT = "Localizing ground-penetrating radar: locate a vehicle by radar scans."
 _ENDING = (
     "Usual order: import recordings, map build, register later drives on the map.",

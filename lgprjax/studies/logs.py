@@ -13,7 +13,7 @@ from lgprjax.config import Table, TableKey, fill_table
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, Study, VehicleFile, VehicleLog, with_values
 from lgprjax.frames import LocalFrame
-from lgprjax.studies.needs import Contradiction
+from lgprjax.studies.needs import SIGNAL_NAMES, Contradiction
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
 from lgprjax.vehicle import Chassis
 
@@ -21,18 +21,6 @@ from lgprjax.vehicle import Chassis
 
 # A sensor silent for longer than this many of its usual steps has a gap, which is not interpolated.
 _GAP_STEPS = 3.0
-
-SIGNAL_NAMES = {
-    "command_rad": "steering_command_rad",
-    "front_rad": "wheel_angle_rad",
-    "rear_rad": "rear_wheel_angle_rad",
-    "potentiometer_v": "steering_potentiometer_v",
-    "encoder_counts": "encoder_counts",
-    "supply_v": "supply_v",
-    "throttle": "throttle",
-    "brake": "brake",
-}
-"""Name in a drive log's /vehicle of each optional signal."""
 
 
 def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:

@@ -14,6 +14,18 @@ from lgprjax.errors import InputError
 from lgprjax.tuning import DriveSignals, Estimate
 from lgprjax.tuning.steering import LEAST_SPEEDS
 
+SIGNAL_NAMES = {
+    "command_rad": "steering_command_rad",
+    "front_rad": "wheel_angle_rad",
+    "rear_rad": "rear_wheel_angle_rad",
+    "potentiometer_v": "steering_potentiometer_v",
+    "encoder_counts": "encoder_counts",
+    "supply_v": "supply_v",
+    "throttle": "throttle",
+    "brake": "brake",
+}
+"""Name in a drive log's /vehicle of each optional signal."""
+
 
 class Need(NamedTuple):
     """What a kind of study needs.
@@ -94,8 +106,6 @@ def require_excitation(kind: str, path: Path, signals: DriveSignals) -> None:
     for wanted in need.signals:
         names = wanted.split("|")
         if all(getattr(signals, name) is None for name in names):
-            from lgprjax.studies.logs import SIGNAL_NAMES
-
             place = " or ".join(f"/vehicle/{SIGNAL_NAMES[name]}" for name in names)
             raise InputError(path, place, "a vehicle signal", "none")
     steps_m = np.diff(signals.travel_m)

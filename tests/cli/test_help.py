@@ -13,9 +13,10 @@ import pytest
 
 import lgprjax
 from canon.commands import run
+from lgprjax.cli.command import parsed
 from lgprjax.cli.help import SHARED, reference_page, top_help, verb_help
 from lgprjax.cli.options import current_names, options_of
-from lgprjax.cli.verbs import VERBS, VerbGroup, all_verbs, every_verb, parsed
+from lgprjax.cli.verbs import VERBS, VerbGroup, all_verbs, every_verb
 
 _ROOT = Path(__file__).parents[2]
 _EVERY = dict(every_verb())
@@ -175,7 +176,7 @@ def test_figures_go_to_standard_output_alone(tmp_path: Path, monkeypatch: pytest
     assert (tmp_path / "-").read_text() == "kept"
 
 
-@pytest.mark.parametrize("module", ["tyro", "lgprjax.cli.verbs", "lgprjax.cli.terminal"])
+@pytest.mark.parametrize("module", ["tyro", "lgprjax.cli.command", "lgprjax.cli.verbs", "lgprjax.cli.terminal"])
 def test_ctrl_c_is_one_line_from_the_first_import_on(module: str) -> None:
     """Ctrl-C while a module is imported, which is where a command spends its first half second."""
     code = f"""
