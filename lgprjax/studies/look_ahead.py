@@ -1,4 +1,4 @@
-"""Study of the look-ahead distance over speed, by simulated drives of the file's vehicle or of vehicles fitted to logs."""
+"""Study of the look-ahead distance over speed, by simulated drives of the file's vehicle or of one fitted to logs."""
 
 from dataclasses import replace
 from typing import Annotated, Literal, NamedTuple

@@ -251,7 +251,7 @@ class JudgedDrive(NamedTuple):
 
 
 class FusionStudy(NamedTuple):
-    """Data for pictures: the fit, and its estimates of the held-out drives, or of the fitted ones if none is held out."""
+    """Data for pictures: the fit, and its estimates of the held-out drives (of the fitted drives without any)."""
 
     fit: FusionFit
     judged: tuple[JudgedDrive, ...]
