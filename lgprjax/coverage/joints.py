@@ -135,7 +135,7 @@ class Terrain:
     def in_rectangle(
         self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], half_m: float, more_m: float = 0.0
     ) -> tuple[tuple[slice, slice], Bool[np.ndarray, "row column"]]:
-        """Part of the raster, and mask of its cells with centres within half a width of a way, extended at both ends."""
+        """Part of the raster, and mask of its cells with centres within half a width of a way extended at both ends."""
         along = (end_m - start_m) / max(float(np.hypot(*(end_m - start_m))), 1e-9)
         reach_m = half_m + max(more_m, 0.0) + self.cell_m
         low = np.minimum(start_m, end_m) - reach_m

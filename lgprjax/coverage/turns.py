@@ -132,7 +132,7 @@ def forward_words(
     *,
     straight: bool = False,
 ) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
-    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN without a solution, and directions of their pieces.
+    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN without a solution, and their pieces' directions.
 
     Args:
         starts, ends: x_m, y_m, yaw_rad of each way.
