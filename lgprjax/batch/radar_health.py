@@ -30,7 +30,7 @@ def radar_figures(
 
     Args:
         blocks: levels of the recording.
-        time_s: of the scans.
+        time_s: scan times.
         path_m: metres travelled since the first scan.
     """
     place = BlockStretches(blocks.first, time_s, path_m)
@@ -262,7 +262,7 @@ def sweep_figures(
 
     Args:
         blocks, levels: levels of the recording.
-        time_s: of the scans.
+        time_s: scan times.
         path_m: metres travelled since the first scan.
     """
     place = BlockStretches(blocks.first, time_s, path_m)
