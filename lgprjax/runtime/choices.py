@@ -1,4 +1,4 @@
-"""What the operator chose and the run decided once: kept in memory, for a process that replaces one that died."""
+"""Choices of the operator and one-time decisions of the run, kept in memory for a process that replaces a dead one."""
 
 import json
 import time

@@ -55,16 +55,16 @@ class Pilot:
     """Navigation and autopilot of one vehicle.
 
     Args:
-        loaded: from ``load``.
-        control, sensors: of the configuration.
+        loaded: files from ``load``.
+        control, sensors: tables of the configuration.
 
-    Attributes:
-        result: of the last tick; all NaN before there is a pose.
-        route: number of the chosen one.
-        on_route: the planner has a place on it.
-        code: of the plan, or of the last search for a place.
-        places: where the vehicle may be on the route, of the last search; begun: the one that was taken of several,
-            until it is noted.
+        Attributes:
+        result: result of the last tick; all NaN before there is a pose.
+        route: number of the chosen route.
+        on_route: whether the planner has a place on the route.
+        code: code of the plan, or of the last search for a place.
+        places: possible places of the vehicle on the route, from the last search.
+        begun: place chosen from several, until it is recorded.
     """
 
     def __init__(self, loaded: Loaded, control: ControlTable, sensors: SensorsTable) -> None:
@@ -85,7 +85,7 @@ class Pilot:
 
     @property
     def place(self) -> Place | None:
-        """The place on the chosen route; ``None`` while it is not known."""
+        """The place on the chosen route; ``None`` while unknown."""
         return self._known if self.on_route else None
 
     @property
@@ -115,7 +115,7 @@ class Pilot:
             jax.block_until_ready((row, found))
 
     def start(self, place: LocalPosition, attitude: LocalAttitude, front_rad: float) -> None:
-        """From the first position and heading."""
+        """Start navigation from the first position and heading."""
         model = self._setup.navigator.model
         cos, sin = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
         ahead, left = float(model.gnss_x_m), float(model.gnss_y_m)

@@ -14,7 +14,7 @@ from lgprjax.runtime.output.nmea import NmeaOutlets, given_of, sentences
 from lgprjax.runtime.process import ProcessStage, Started
 
 ADDRESS_FILE = "nmea.address"
-"""In the folder of the rings: HOST:PORT of the sentences, for a port chosen by the system."""
+"""File in the folder of the rings with HOST:PORT of the sentences, for a port chosen by the system."""
 _IDLE_S = 0.005
 _OLD_NS = 1_000_000_000
 

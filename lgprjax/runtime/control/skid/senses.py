@@ -75,14 +75,16 @@ class SkidSensed(NamedTuple):
     """Data since the last tick, and the state at its end.
 
     Attributes:
-        step_s: since the last tick.
-        left_mps, right_mps: mean speeds of the tracks since the last skid_status of the tick before; as last measured
-            without one; NaN if unknown.
-        place: new in this tick, else ``None``; turn: by the INS, likewise.
-        box: the last skid_status; ``None`` before the first.
-        box_age_s: since it arrived; infinite before the first.
-        gnss_age_s: since the newest position was measured; infinite before the first. ins_age_s: of the newest turn.
-        quality: of the newest position while it is younger than 1.5 periods.
+        step_s: time since the last tick.
+        left_mps, right_mps: mean speeds of the tracks since the last skid_status of the previous tick; the last
+            measured speeds without one; NaN if unknown.
+        place: new position of this tick, or ``None``.
+        turn: new INS turn of this tick, or ``None``.
+        box: last skid_status; ``None`` before the first.
+        box_age_s: time since its arrival; infinite before the first.
+        gnss_age_s: time since the measurement of the newest position; infinite before the first.
+        ins_age_s: age of the newest turn.
+        quality: quality of the newest position while it is younger than 1.5 periods.
     """
 
     step_s: float
@@ -101,8 +103,8 @@ class SkidSenses(LineSenses):
     """Takes the lines' messages one by one.
 
     Args:
-        frame: of the plan; without one the first position becomes its anchor.
-        sensors: of the configuration.
+        frame: frame of the plan; ``None``: the first position becomes its anchor.
+        sensors: sensor table of the configuration.
     """
 
     def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
@@ -142,7 +144,7 @@ class SkidSenses(LineSenses):
         )
 
     def _measure_speeds(self, now_ns: int) -> None:
-        """From the box's own stamps, which do not jitter like arrivals."""
+        """Measure the track speeds from the box's own stamps, which do not jitter like arrivals."""
         box, before = self.box, self._counted
         if box is None:
             return
