@@ -107,7 +107,7 @@ _MARKS = {
     "low_overlap": "ring",
     "non_finite": "plus",
 }
-"""Shapes of codes, so that they are told apart without colours, too."""
+"""Shapes of codes, which distinguish them without colours."""
 _MOST_SCANS = 20_000
 
 
