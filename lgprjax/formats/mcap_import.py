@@ -111,7 +111,8 @@ def radar_topic(recording: Recording, topics_found: TopicsFound, requested: str 
     """The topic of the scans.
 
     Raises:
-        InputError: there is none, or several and none was selected; it has fewer than two scans; or their form changes.
+        InputError: there is none, or several without a selection; the topic has fewer than two scans; or their form
+            changes.
     """
     radar = choose_topic(recording, topics_found, (RADAR_SCAN,), requested, "scan", "--radar-topic")
     if radar is None:
@@ -244,13 +245,13 @@ def import_mcap(
     headers' stamps are used. Scans more than a second outside navigation and odometry are left out.
 
     Args:
-        path: the recording, complete or truncated.
-        topics: to read, if several have the type.
-        array: instead of the recording's ``RadarArray``.
-        assumed: the antenna's place, and sigmas that the messages do not state.
+        path: path of the recording, complete or truncated.
+        topics: topics to read, if several have the type.
+        array: array in place of the recording's ``RadarArray``.
+        assumed: position of the antenna, and sigmas that the messages do not state.
         calibration: ``X.radar.h5`` of a stepped-frequency radar, in place of the look-up of the ``RadarArray``.
-        output: the drive log.
-        force: replace an output that exists.
+        output: path of the drive log.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: the file is not a recording, a required topic is missing or ambiguous, the form of the scans
