@@ -148,7 +148,7 @@ def _is_filled_in(own: _Header) -> bool:
 
 
 def _data_offset(file: Path, header: _Header) -> int:
-    """Offset of the samples, bytes: small words count header blocks, large ones bytes (at least a block per channel)."""
+    """Offset of the samples, bytes: small words count header blocks, large ones bytes (a block per channel or more)."""
     if header.data < _HEADER_BYTES:
         offset = _HEADER_BYTES * header.data
     else:
