@@ -82,7 +82,7 @@ KEPT = 64
 
 
 class RefusalReason(IntEnum):
-    """Why bytes are no message. ``FrameVerdict`` goes on from 32: why a whole frame is refused."""
+    """Reasons why bytes are not a message. ``FrameVerdict`` continues from 32 with reasons to refuse a whole frame."""
 
     NO_SYNC = 1
     """No message begins here."""
@@ -326,7 +326,7 @@ _U32 = 1 << 32
 
 
 class FrameVerdict(IntEnum):
-    """Verdict on a frame; all except ``ACCEPTED`` say why it is refused."""
+    """Verdict on a frame; all except ``ACCEPTED`` are reasons of refusal."""
 
     ACCEPTED = 0
     WRONG_LINE = 32

@@ -134,7 +134,7 @@ class LimiterState(NamedTuple):
 
 
 class SkidLimiterState(NamedTuple):
-    """The same of a skid-steer vehicle.
+    """The same for a skid-steer vehicle.
 
     Attributes:
         last: last command sent.

@@ -160,7 +160,7 @@ def describe(bits: Watch) -> list[str]:
 
 NOMINAL_STEP_S = 0.02
 LONGEST_STEP_S = 0.04
-"""Largest time counted for one tick: a reading after a pause proves no more than any other."""
+"""Largest time counted for one tick, because a reading after a pause has no extra weight."""
 
 
 class Dwell(NamedTuple):

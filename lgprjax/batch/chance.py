@@ -291,7 +291,7 @@ def _stretches_over_others(
 ) -> Iterator[tuple[_Swapped, Bool[np.ndarray, "scan channel"]]]:
     """Stretches of a baseline over the ground of others, in a fixed random order, and which of its traces are.
 
-    A bounded number is looked at, whatever the length of the map, and only the antennas next to each.
+    The number examined is bounded for any length of the map, with only the antennas next to each.
     """
     description = source.description
     pitch_m, step_m = description.channel_pitch_m, description.settings.step_m

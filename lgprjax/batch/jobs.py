@@ -87,7 +87,7 @@ def settings_of(options: RegisterOptions) -> dict[str, object]:
 
 
 def key_of_job(drive_sha256: str, map_sha256: str, settings: dict[str, object]) -> str:
-    """SHA-256 of the inputs of a job's result, whatever the order of the settings."""
+    """SHA-256 of the inputs of a job's result, independent of the order of the settings."""
     inputs = {"drive": drive_sha256, "map": map_sha256, "settings": settings, "version": __version__}
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
@@ -227,7 +227,7 @@ def write_record(folder: Path, record: JobRecord) -> None:
 
 
 def read_record(path: Path) -> JobRecord | None:
-    """A record; None if there is none of this format, so that its job is done again."""
+    """A record; ``None`` without one of this format, so that its job is done again."""
     try:
         return JobRecord.model_validate_json(path.read_bytes())
     except (FileNotFoundError, ValidationError):
@@ -318,7 +318,7 @@ def plan_jobs(
     Args:
         run: the run.
         drives: logs of different names.
-        force: do all of them anew.
+        force: whether to do all of them again.
         progress: called with the number of drives checked.
     """
     settings = settings_of(run.options)

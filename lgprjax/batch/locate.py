@@ -25,7 +25,7 @@ from lgprjax.registration.search import BLOCK_SCANS, live_chain
 RISK = 1e-6
 """Largest accepted probability that a start is false."""
 MOST_M = 20.0
-"""Travel after which a start is given up."""
+"""Travel after which a start is abandoned."""
 COLUMNS = (
     "start_scan",
     "scan",
@@ -46,7 +46,7 @@ _CELLS = 2048
 _WANDER_M = 0.03  # of the place on a line, per root of a metre: odometer, and lines that are not parallel
 _LOST, _OFF_MAP, _OFF_MAP_M = 0.5, 0.99, 5.0
 _AGAIN_M = 4.0
-"""Travel after which places are proposed anew, where foreign ground is more likely than all that were."""
+"""Travel after which places are proposed again, if foreign ground is more likely than all proposed ones."""
 _LIKELY = 1e-3
 _LEAST_EVERY_M = 0.1
 _UNSEEN = 0.1  # of the wavelength
@@ -301,14 +301,14 @@ def _located(held: MapLines, own: _Own, start: int, likelihood: Likelihood) -> d
     """The row of a start."""
     begin, path_m = start, own.path_m
     end = int(np.searchsorted(path_m, path_m[start] + MOST_M, side="right"))
-    # Beyond a gap of the travel the stops before it say nothing.
+    # Beyond a gap of the travel the stops before it carry no information.
     end = min(end, int(np.searchsorted(own.leg, own.leg[start], side="right")))
     last: anywhere.Report | None = None
     at, tries = start, 0
     while begin < end:
         tries += 1
         for at, report in _followed(held, own, begin, end, likelihood):
-            # Each time that places are proposed anew is another chance to be wrong.
+            # Each new proposal of places is another chance to be wrong.
             last = report._replace(p_false=jnp.minimum(tries * report.p_false, 1.0))
             if last.p_false < RISK:
                 return _row(held, own, start, at, last, "ok")

@@ -157,7 +157,7 @@ def options_as_provenance(options: RegisterOptions) -> dict[str, Any]:
 
 
 def options_on_board(log: DriveLog) -> RegisterOptions | None:
-    """The search that a run was made with; ``None`` of a log that does not say."""
+    """Kind of search of a run; ``None`` for a log that does not state it."""
     told = log.description.provenance.get("registration")
     if not isinstance(told, dict):
         return None

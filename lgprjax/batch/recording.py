@@ -39,7 +39,7 @@ _OTHER_SENSOR = "a different sensor from the map's, or a wrong sensor descriptio
 _BAND_SHARE = 0.5
 """A recording that covers less than this share of a map's band is refused."""
 _HEAD_SCANS = 64
-"""Scans used to detect dead channels: the same for every reader of a drive, wherever it begins."""
+"""Scans used to detect dead channels: the same for every reader of a drive, at any start."""
 
 
 class RecordedBlock(NamedTuple):
@@ -390,7 +390,7 @@ def gnss_gaps(log: DriveLog) -> Bool[np.ndarray, " scan"]:
 #
 # Receivers of traces amplify with travel time, by up to 60 dB, and do not record by how much; sweeps are not amplified.
 # A map's depth gain equalises the recordings of its own baselines. A drive of the other kind is first given the levels
-# over depth of the map's traces; a drive of the same kind is left as it is.
+# over depth of the map's traces; a drive of the same kind is unchanged.
 
 _STRETCHES = 8
 _SCANS = 128  # of a stretch
@@ -499,7 +499,7 @@ def live_operators(source: MapFile, log: DriveLog, track: Track, alignment: Alig
 
     @cache
     def ratio() -> Float[np.ndarray, " sample"] | None:
-        # Maps made before sweeps were supported do not say: they hold traces.
+        # Maps made before sweeps were supported state no kind: they hold traces.
         if not alignment.levelled and recording.kind == source.provenance.get("recording", TraceDrive.kind):
             return None
         plain = profiles(kept)

@@ -187,7 +187,7 @@ class SignalReducer:
         peak, half = int(np.argmax(np.abs(array[:early]))), max(4, round(1.25 * self._recorded.period_samples))
         self._window = slice(max(peak - half, 0), peak + half + 1)
         wave = array[self._window] - np.mean(array[self._window])
-        # Clipped samples say nothing about the gain.
+        # Clipped samples carry no information on the gain.
         self._wave = np.where(clips[..., self._window].mean(axis=(0, 1)) > 0.01, 0.0, wave)
 
     def _direct(

@@ -254,7 +254,7 @@ def array_of_vehicle(
 def _zero_slip_of(vehicle: VehicleFile) -> float:
     """Distance ahead of the rear axle, in metres, of the point that moves along the body's axis, at small wheel angles.
 
-    0 where the rear wheels do not steer, or the file does not say how.
+    0 if the rear wheels do not steer, or the file does not describe them.
     """
     wheelbase_m, known = vehicle.chassis.wheelbase_m, vehicle.rear_map or vehicle.steering.rear_ratio
     if vehicle.steering_kind != "counter_steer" or known is None or wheelbase_m is None:
@@ -349,7 +349,7 @@ def outline_of_vehicle(vehicle: VehicleFile, path: str | Path = "vehicle file") 
 
 
 def tool_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Tool:
-    """The tool that a file describes; centred on the vehicle unless the file says otherwise.
+    """The tool of a vehicle file; centred on the vehicle by default.
 
     Raises:
         InputError: another kind of vehicle, or a required number is not in the file.

@@ -74,7 +74,7 @@ _ENDING_S = 10.0  # a compile cannot be interrupted
 
 
 class WorkerDiedError(Exception):
-    """A worker ended before it answered; the message says how."""
+    """A worker ended before it answered; the message describes the end."""
 
 
 class WorkerProcess:

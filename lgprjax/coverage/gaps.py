@@ -518,7 +518,7 @@ def _shortened(
 
 
 def _laid(field: Field, layer: TourLayer, stretch: _Stretch, width_m: float) -> list[TourSwath]:
-    """Swaths over a stretch, half a tool longer at both ends where the field goes on so far."""
+    """Swaths over a stretch, half a tool longer at both ends where the field extends so far."""
     heading, across_m, low, high = stretch
     pieces = strip_pieces(to_lines(field.perimeter_m, heading), across_m, width_m)
     within = [piece for piece in pieces if piece[0] < high and piece[1] > low]

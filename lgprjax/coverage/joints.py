@@ -81,7 +81,7 @@ class Terrain:
         edge = [(each, side) for side in (left, right) for each in along]
         edge += [(end, each) for end in (front, rear) for each in across]
         self._edge_m = np.array(edge)
-        # Half a step of the ladder turns the farthest corner by so much.
+        # Displacement of the farthest corner by half a step of heading.
         turned_m = math.pi / _HEADINGS * float(np.hypot(*self._edge_m.T).max())
         self._may_stand = self.standing(self._least_m - turned_m)
         self._stands = self.standing(ground.clearance_m + 0.5 * self.cell_m)
@@ -414,7 +414,7 @@ def sample(
 def _words(
     starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: Float[np.ndarray, " way"]
 ) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
-    """Signed lengths of the three pieces of every word, NaN where there is none, and to which hand each bends."""
+    """Signed lengths of the three pieces of every word, NaN without a solution, and the direction of each."""
     turned = np.array([0.0, 0.0, math.pi])
     both, hands = forward_words(
         np.concatenate([starts, starts + turned]), np.concatenate([ends, ends + turned]), np.tile(radius_m, 2)

@@ -1,4 +1,4 @@
-"""Ways through a lattice of poses, where no single word leads: forwards and in reverse, around whatever is in between.
+"""Ways through a lattice of poses, where a single word does not suffice: forwards and in reverse, around obstacles.
 
 Nodes are places of a square grid with sixteen headings each (a state lattice: Pivtoraik, Knepper and Kelly 2009). Edges
 are Dubins' forward words between nodes near each other, of the vehicle's own radius, and each of them in reverse. Which
@@ -36,7 +36,7 @@ _LIMITS_M = (15.0, 40.0, math.inf)
 _AGAINST_M = 0.1
 """Cost of an edge in reverse beyond its length: many short ones are many changes of direction."""
 _TRIED = 12
-"""Ways checked exactly before a swath is given up."""
+"""Number of ways checked exactly before a swath is abandoned."""
 _SEARCHES = 8
 """Searches again without what the exact check did not let pass, at most, for one swath."""
 _UNSURE_M = 2.0
@@ -90,7 +90,7 @@ class Lattice:
         self.free = terrain.stands(self.poses, surely=True)
         self._seen: np.ndarray | None = None
         self._grow()
-        # What the exact check says of edges: 0 nothing yet, 1 that they may be driven, -1 that they may not.
+        # Result of the exact check of each edge: 0 unchecked, 1 allowed, -1 not allowed.
         self._exact = np.zeros(len(self.source), np.int8)
 
     def finer(self) -> "Lattice | None":

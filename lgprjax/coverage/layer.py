@@ -138,7 +138,7 @@ class TourLayer:
                 (apart if self.is_apart(each) else swaths).append(each)
             missed_m += missed
         way_m = sum(float(np.hypot(*(each.end_m - each.start_m))) * (1.0 if each.either else 1.5) for each in swaths)
-        # What strips miss takes swaths of its own, each with a turn.
+        # Ground missed by strips takes separate swaths, each with a turn.
         turn_m = 2.0 * math.pi * settings.smallest_radius_m
         cost_m = way_m + turn_m * len(swaths) + 3.0 * missed_m if swaths else math.inf
         return Laid(heading_rad, swaths, cost_m, apart)
@@ -347,11 +347,11 @@ class TourLayer:
         return found
 
     def single(self, heading_rad: float, across_m: float, low_m: float, high_m: float) -> list[TourSwath]:
-        """Swaths either way round over a stretch of a strip, whatever is to be worked there; see ``_singles``."""
+        """Swaths in either direction over a stretch of a strip, independent of the work there; see ``_singles``."""
         return self._singles([(heading_rad, across_m, low_m, high_m)], self._swing_m)[0]
 
     def _singles(self, stretches: Sequence[tuple[float, float, float, float]], swing_m: float) -> list[list[TourSwath]]:
-        """Swaths either way round over each of several stretches of strips, whatever is to be worked there.
+        """Swaths in either direction over each of several stretches of strips, independent of the work there.
 
         Args:
             stretches: heading and place across of each, and from where to where along it.

@@ -467,7 +467,7 @@ _BACK_M = (*np.arange(1.0, 16.0, 1.0), *np.arange(17.0, 60.0, 3.0))
 
 
 def _retraced(driven: Sequence[TourSwath], joints: Sequence[Pieces]) -> Pieces:
-    """The way that led here, backwards: the same arcs, a negative length, the curvature as it was."""
+    """The last way in reverse: the same arcs with negative lengths and unchanged curvatures."""
     parts: list[np.ndarray] = []
     length_m = 0.0
     for number, swath in reversed(list(enumerate(driven))):

@@ -77,7 +77,7 @@ def write_cover_plan(
         force: whether to replace an existing output.
 
     Raises:
-        InputError: a value is not as the schema says, or the output exists (without ``force``) or cannot be written.
+        InputError: a value violates the schema, or the output exists (without ``force``) or cannot be written.
     """
     member = _member(plan)
     for finding in _member_findings(str(path), member):

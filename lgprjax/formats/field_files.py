@@ -221,7 +221,7 @@ def _from_geojson(file: Path, polygon: str | None) -> FieldPlaces:
 def _geometries(
     table: dict[str, Any], properties: dict[str, Any] | None = None
 ) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Geometries of a GeoJSON object, whatever kind it is, with the properties of their features."""
+    """Geometries of a GeoJSON object of any kind, with the properties of their features."""
     kind = table.get("type")
     members = {"FeatureCollection": "features", "GeometryCollection": "geometries"}.get(str(kind))
     if members is not None:

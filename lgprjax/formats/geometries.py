@@ -14,7 +14,7 @@ DECIMALS = 10
 _ON_SIDE_DEG = 1e-7
 
 Ring = Float[np.ndarray, "corner 3"]
-"""Latitude, longitude and height of each corner; the height is NaN where there is none."""
+"""Latitude, longitude and height of each corner; the height is NaN if missing."""
 
 
 def continuous(longitude_deg: Float[np.ndarray, " place"], around_deg: float) -> Float[np.ndarray, " place"]:

@@ -205,7 +205,7 @@ def check_steps(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
 
 
 def _on_own_grid(along_m: Float[np.ndarray, " trace"]) -> Float[np.ndarray, " trace"]:
-    """Places that are whole numbers of one step apart, exactly so; any others as they are.
+    """Positions that are whole numbers of one step apart, rounded to them exactly; others are unchanged.
 
     Headers round places: a step between two of them is off by more than the step that all of them have.
     """

@@ -75,7 +75,7 @@ def differences(values: np.ndarray, before: np.ndarray | None, first: int) -> np
 
     Args:
         values: the rows, whole numbers.
-        before: the row before the first of them; None if there is none.
+        before: row before the first of them; ``None`` without one.
         first: number of the first of them.
     """
     earlier = np.concatenate([np.zeros_like(values[:1]) if before is None else before[None], values[:-1]])

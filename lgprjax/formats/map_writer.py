@@ -311,7 +311,7 @@ def locked_map(path: str | Path) -> Iterator[None]:
         path: the map, which need not exist yet.
 
     Raises:
-        InputError: another process writes the map (it says which one), or no file can be made in the map's folder.
+        InputError: another process writes the map (the message names it), or the map's folder is not writable.
     """
     target = Path(path)
     if not target.parent.is_dir():

@@ -499,7 +499,7 @@ def _middle_traces(
     valid: Bool[np.ndarray, "scan channel"],
     calibration: Complex[np.ndarray, "scan recorded"] | None,
 ) -> Float[np.ndarray, "scan sample"]:
-    """Traces of the middle channel, zero level removed; NaN where there is none; no sample if they cannot be had."""
+    """Traces of the middle channel, zero level removed; NaN for missing traces; no samples if they are unavailable."""
     middle = stored.shape[1] // 2
     if isinstance(recording, TraceRecording):
         traces = stored[:, middle].astype(np.float32) - np.float32(recording.zero_level)

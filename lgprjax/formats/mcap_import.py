@@ -135,7 +135,7 @@ def position_topic(recording: Recording, topics_found: TopicsFound, requested: s
 
 
 def attitude_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
-    """The topic of headings and rolls; ``None``: there is none. A wheel odometer's heading must be selected explicitly.
+    """The topic of headings and rolls; ``None`` without one. A wheel odometer's heading must be selected explicitly.
 
     Its heading is relative to where it was switched on, which cannot be distinguished from a heading relative to east.
 
@@ -149,12 +149,12 @@ def attitude_topic(recording: Recording, topics_found: TopicsFound, requested: s
 
 
 def odometry_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
-    """The topic of the odometer; ``None``: there is none. Raises ``InputError`` as ``attitude_topic`` does."""
+    """The topic of the odometer; ``None`` without one. Raises ``InputError`` as ``attitude_topic`` does."""
     return choose_topic(recording, topics_found, (ODOMETRY,), requested, "odometry", "--odometry-topic")
 
 
 def array_message(recording: Recording, topics_found: TopicsFound, requested: str | None) -> Mapping[str, Any] | None:
-    """The message that describes the array; ``None``: there is none. Raises ``InputError`` as ``attitude_topic``."""
+    """The message that describes the array; ``None`` without one. Raises ``InputError`` as ``attitude_topic``."""
     if requested is not None and requested not in topics_found.arrays:
         raise InputError(recording.path, "--array-topic", f"a topic of type {RADAR_ARRAY}", topics_there(recording))
     preferred = TOPICS["array"][0]

@@ -173,7 +173,7 @@ def _variances(covariance: np.ndarray, yaw: int, roll: int) -> tuple[float, floa
 
 
 def _known(variance: float, unknown: float) -> float:
-    """A variance, NaN where it only says that nothing is known."""
+    """A variance; NaN if its value means "unknown"."""
     return float(variance) if variance < unknown else math.nan
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 FASTEST_MPS = 70.0
 """Largest plausible speed of a survey vehicle."""
 _STEP_M = 30.0
-"""Step that a receiver makes by itself, from a poor fix to a good one; larger ones must be travel."""
+"""Largest step of a receiver at rest, from a poor fix to a good one; larger steps must be travel."""
 _STEP_SIGMAS = 6.0
 _STEPS_A_TRACE = 20
 _EARTH_M = 6_371_000.0
@@ -52,7 +52,7 @@ def plausible_positions(
     reach_m: Float[np.ndarray, " position"] | None,
     sigma_m: Float[np.ndarray, " position"] | None = None,
 ) -> PlausiblePositions:
-    """Judge positions by themselves and by each other.
+    """Judge positions by their values and by each other.
 
     Left out are: non-finite values, latitudes beyond 90 or longitudes beyond 360 degrees; zero for both if the other
     positions are elsewhere; and positions that the rest contradicts. The rest is the longest sequence in which every
@@ -110,7 +110,7 @@ def plausible_places(
 
 
 def known_sigma(sigma: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:
-    """Stated sigmas or variances; NaN, unknown, where none is stated: zero, negative or not finite."""
+    """Stated sigmas or variances; NaN (unknown) for zero, negative or non-finite values."""
     return np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.nan)
 
 
@@ -150,7 +150,7 @@ def _longest_sequence(
         reach_m = _STEPS_A_TRACE * (float(np.median(step_m)) if count > 1 else 0.0) * np.arange(count)
     breaks = np.flatnonzero(step_m > np.diff(reach_m) + allowed_m[1:] + allowed_m[:-1]) + 1
     first, stop = np.concatenate([[0], breaks]), np.concatenate([breaks, [count]])
-    # A receiver that repeats its last known place has one position, however often it says so.
+    # A receiver that repeats its last known place has one position, at any number of repetitions.
     best = np.add.reduceat(np.concatenate([[1], step_m > 0.0]), first)
     before = np.full(len(first), -1)
     for run in range(1, len(first)):

@@ -284,7 +284,7 @@ class _Rows:
             self._filled = True
 
     def positions(self, height: HeightReference | None, counts: dict[str, int]) -> SidePositions:
-        """All rows; without ``height`` they are NMEA's. Raises ``InputError`` when there is none."""
+        """All rows; without ``height`` they are NMEA's. Raises ``InputError`` without any row."""
         table = np.array(self._values).reshape(-1, 1 + len(NmeaFix._fields)).T
         # Times of day: midnight is a step of some seconds.
         steps_s = (np.diff(table[5], prepend=table[5, :1]) + 43_200.0) % 86_400.0 - 43_200.0

@@ -249,7 +249,7 @@ def _atomic_bag(path: Path, force: bool) -> Iterator[Path]:
 
 
 def _is_bag_alone(folder: Path) -> bool:
-    """Whether a folder holds the files of a bag only: whatever else is in it would be lost with it."""
+    """Whether a folder holds only the files of a bag; other files would be lost with it."""
     if not (folder / _METADATA).is_file():
         return False
     return all(each.name == _METADATA or each.suffix == ".db3" for each in folder.iterdir())
@@ -269,7 +269,7 @@ def _put(made: Path, path: Path, aside: Path) -> None:
 
 
 def _latched_qos() -> Any:
-    """Reliable, and kept for subscribers that come late: what those of ``/tf_static`` ask for."""
+    """Reliable, and kept for late subscribers, as ``/tf_static`` requires."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(0, 0)

@@ -1,4 +1,4 @@
-"""Reading a recorded run: every intact record, whatever happened to the rest of its files."""
+"""Reading a recorded run: every intact record, at any damage of its files."""
 
 import json
 from collections import Counter
@@ -170,7 +170,7 @@ def _instead_of_run(path: Path) -> str:
 
 
 class _Tally:
-    """Findings of a pass over a run, besides its records."""
+    """Findings of a pass over a run."""
 
     def __init__(self) -> None:
         self._records = 0

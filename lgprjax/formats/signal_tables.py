@@ -96,7 +96,7 @@ class _Column(ConfigTable):
 
 
 class _SignalMap(ConfigTable):
-    """A map of columns: one table a signal, and what the file does not say."""
+    """A map of columns: one table per signal, and quantities that the file lacks."""
 
     name: str | None = None
     serial_number: str | None = None
@@ -527,7 +527,7 @@ def _at(one: _Series, time_s: Float[np.ndarray, " row"]) -> Float[np.ndarray, " 
 
 
 def _turning_at(one: _Series, time_s: Float[np.ndarray, " row"], period: float) -> Float[np.ndarray, " row"]:
-    """An angle at some times; where its values step from one end of their range to the other, it goes on turning."""
+    """An angle at some times, unwrapped where its values step from one end of their range to the other."""
     return np.asarray(np.interp(time_s, one.time_s, np.unwrap(one.value, period=period)))
 
 

@@ -353,7 +353,7 @@ _FORMAT = ("v110", "v110")
 class GuardedFile:
     """Binary file for h5py's ``fileobj`` driver whose writes never fail; ``error`` holds the first failure.
 
-    h5py passes buffers of its own type, which only ``memoryview`` understands: hence ``Any``.
+    h5py passes a private buffer type, which only ``memoryview`` understands: hence ``Any``.
     """
 
     def __init__(self, path: Path) -> None:

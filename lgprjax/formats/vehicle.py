@@ -19,7 +19,7 @@ from lgprjax.formats.store import atomic_output
 
 
 def flat_keys(table: dict[str, Any]) -> dict[str, Any]:
-    """Keys by their dotted path. In ``found`` each number's table has a path of its own: ``found.PATH.low``."""
+    """Keys by their dotted path. In ``found`` each number's table has a separate path: ``found.PATH.low``."""
     flat: dict[str, Any] = {}
     for name, value in table.items():
         if not isinstance(value, dict):
@@ -34,7 +34,7 @@ def flat_keys(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def as_list(value: Any) -> list[Any]:
-    """A list as it is, anything else as a list of one."""
+    """The value as a list; other values as a list of one."""
     return value if isinstance(value, list) else [value]
 
 

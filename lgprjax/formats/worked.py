@@ -491,7 +491,7 @@ def write_kml(
 
 
 def _column(values: list[Any]) -> np.ndarray:
-    """A column of a table: numbers as they are, those that are not known as NaN, anything else as text."""
+    """A column of a table: numbers, NaN for unknown ones, anything else as text."""
     kinds = {type(value) for value in values}
     if kinds <= {int}:
         return np.array(values)

@@ -312,7 +312,7 @@ class _PassGround:
         )
 
     def _nearest(self, index: SpatialIndex, point_m: Float[np.ndarray, "row 2"]) -> Int[np.ndarray, " row"]:
-        """Nearest station of the pass; the first where none is near, or where the point is not finite."""
+        """Nearest station of the pass; the first if none is near, or the point is not finite."""
         near = [index.nearest(point, self._reach_m) if np.all(np.isfinite(point)) else None for point in point_m]
         return np.array([number or 0 for number in near], np.int64)
 

@@ -16,7 +16,7 @@ from lgprjax.subsurface import GroundMap, SpatialIndex, coherence_lags
 
 # Changed ground, decided place by place along a new baseline, from its matches with each of the others.
 #
-# A single drive that does not match may have recorded snow, water or a fault of its own. The old ground is retired only
+# A single drive that does not match may have recorded snow, water or a fault. The old ground is retired only
 # where a second drive, also newer, agrees with the new one. Until then the new drive's own stations there are held
 # back: nothing shows that they are better than those they contradict.
 

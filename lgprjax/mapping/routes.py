@@ -299,7 +299,7 @@ def joined_waypoints(parts: Sequence[tuple[str | Path, Waypoints]]) -> Waypoints
             if away_m > _JOIN_M or turned > _JOIN_DEG:
                 expected = f"within {_JOIN_M:g} m and {_JOIN_DEG:g}° of the end of {before}"
                 raise InputError(file, "start", expected, f"{away_m:.1f} m and {turned:.0f}°")
-            # In one gear the drive goes on: the joint is no end of a leg.
+            # In one gear the drive continues: the joint is not the end of a leg.
             legs += int(points.gear[0] != last.gear[-1])
         columns.append(points._replace(leg=points.leg + legs))
         legs += int(points.leg[-1])

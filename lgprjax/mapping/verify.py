@@ -104,7 +104,7 @@ class MapJudge:
         return self._counted("weak", repeats < WEAK_REPEATS, repeats, text, smallest=True)
 
     def ambiguous(self) -> MapFinding:
-        """Places that resemble others so much that a scan could not be distinguished from its rival."""
+        """Places so similar to others that a scan could not be distinguished from its rival."""
         likeness = self._survey.signal.likeness
         text = (
             f"route where the map's own scan exceeds the best other position in the search region by less "

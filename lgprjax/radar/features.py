@@ -263,7 +263,7 @@ def init_live_filter(channels: int, samples: int) -> LiveFilterState:
 
 
 _LEAP = 4.0
-"""Lengths of the filter that one step moves, at least, where the mean begins anew."""
+"""Least step, in lengths of the filter, at which the mean restarts."""
 
 
 @jax.jit

@@ -18,7 +18,7 @@ from lgprjax.radar.array import ChannelResponse
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS, ChainSettings, band_response
 
 _LEAST_CALIBRATION = 1e-3
-"""A calibration sweep's entry below this share of its median (60 dB) is a fault: dividing by it says nothing."""
+"""A calibration sweep's entry below this share of its median (60 dB) is a fault: dividing by it is meaningless."""
 _EDGE = 0.25
 """Share of a sweep's band that the window's edge takes at each end."""
 _DEPTH_PERIODS = 15.0

@@ -79,7 +79,7 @@ def profile_operator(
 ) -> Float[Array, "recorded sample"]:
     """The chain as one matrix: recorded samples to profile samples.
 
-    Whatever the recording's own interval and time zero, the profile has the chain's interval and begins at
+    For any interval and time zero of the recording, the profile has the chain's interval and begins at
     travel time zero, so that drives of different settings share one map.
 
     Args:

@@ -197,7 +197,7 @@ class StopFixes:
         along_m2 = np.einsum("si,sij,sj->s", facing, np.asarray(fixes.covariance)[:, :2, :2], facing)
         fixes.code[(fixes.code == Code.OK) & (along_m2 > WRONG_M**2)] = Code.AMBIGUOUS
         beside = map_odometry_covariance(self._prepared, tiles, fixes, self._options.odometer_sigma)
-        # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
+        # If the map ends next to the best place, the match does not determine how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         label_m2 = np.nan_to_num(np.einsum("si,sij,sj->s", left, beside, left))
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
@@ -210,7 +210,7 @@ class StopFixes:
         )
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
         fixes.covariance[:, 2:, 2:] += np.diag(attitude.unobserved**2)
-        # The map is turned by as much as its labels are wrong at the two ends of what was matched.
+        # The map is turned by the difference of its labels' errors at the two ends of the window.
         reach_m = np.hypot(fixes.window_m, np.ptp(self._prepared.array.y_m))
         fixes.covariance[:, 3, 3] += 2.0 * label_m2 / np.maximum(reach_m, 0.5 * self._wavelength_m) ** 2
         return fixes, beside
@@ -275,7 +275,7 @@ class StopFixes:
         fixes.margin[some] = score - fixes.runner_up[some]
         fixes.noise_floor[some] = np.asarray(judged.peak.floor)[some]
         fixes.overlap[some], fixes.overlap_channels[some] = found.overlap, found.overlap_channels
-        # The climb must end where it began: a peak of its own, not a slope that leads off the map. The heading turns a
+        # The climb must end at its start: a separate peak, not a slope that leads off the map. The heading turns a
         # window about its middle.
         middle_m = middle_m[: len(some)]
         turn = rotation(pose[:, 3] - stops.pose[at[some], 3])

@@ -231,7 +231,7 @@ class EvidenceSearch:
     def _astray(self, stops: Stops) -> Float[np.ndarray, "stop 2"]:
         """Prior minus dead reckoning at each stop: the median over the last metres, to suppress the noise of GNSS."""
         apart = stops.pose[:, :2] - stops.reckoned_m
-        # Of one leg: where travel is not known, dead reckoning goes on from anywhere.
+        # Of one leg only, because without known travel dead reckoning restarts anywhere.
         begin = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
         begin = np.maximum(begin, np.searchsorted(stops.leg, stops.leg))
         return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(begin)])
@@ -339,7 +339,7 @@ class EvidenceSearch:
 
     @property
     def _may_hold(self) -> bool:
-        """Whether a place should be tracked anew: none is yet, or it has left the centre of its lattice."""
+        """Whether to start tracking a place: none is tracked yet, or it has left the centre of its lattice."""
         # User thresholds were calibrated on the whole region and require a margin over all of it.
         by_region = self._lattice.wide or self.plan.history == 0 or self._options.own_thresholds is not None
         if self._place.error_m is None or by_region:

@@ -111,7 +111,8 @@ def fit_chance(
 ) -> Chance:
     """Chance of a map from its false pieces.
 
-    The same pieces are tried at many places: a map with few independent pieces cannot say how rare its highest scores
+    The same pieces are tried at many places: a map with few independent pieces does not show how rare its highest
+        scores
     are, and uses the pooled chance.
 
     Args:

@@ -51,7 +51,7 @@ class RunningSums:
     """
 
     def __init__(self, blank: Surfaces, first: int, room: int) -> None:
-        # Twice the room, so that old sums are moved out once in so many stops.
+        # Twice the size, so that old sums are moved out only once per that many stops.
         self._sums = Surfaces(*(np.zeros((2 * room + 1, *field.shape[1:])) for field in blank))
         self._first, self._room, self._count = first, room, 0
 

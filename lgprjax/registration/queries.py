@@ -1,6 +1,6 @@
 """Live scans prepared for matching: background removal, coefficients, windows.
 
-One object a drive, fed with blocks of scans in order; it holds the filter's state and as much history as a window
+One object per drive, fed with blocks of scans in order; it holds the filter's state and as much history as a window
 needs. Batch registration and the vehicle share these functions.
 """
 
@@ -312,7 +312,7 @@ def rotation(angle_rad: float | Float[np.ndarray, "*angle"]) -> Float[np.ndarray
 
 
 def turned(stops: Stops, more: Float[np.ndarray, "3"], at: int) -> Stops:
-    """Stops with height, heading and roll changed by so much, and dead reckoning turned about one of them."""
+    """Stops with changed height, heading and roll, and dead reckoning turned about one of them."""
     pose, about_m = stops.pose.copy(), stops.reckoned_m[at]
     pose[:, 2:5] += more
     return stops._replace(pose=pose, reckoned_m=(stops.reckoned_m - about_m) @ rotation(more[1]).T + about_m)

@@ -256,7 +256,7 @@ class SwarmView(NamedTuple):
         place_m: positions of the particles at the start and after each iteration.
         best_m: the best place found by any of them so far.
         attitude: height in metres, yaw and roll of the particles, less the prior's.
-        best_attitude: the same of the best place found so far.
+        best_attitude: attitude of the best place found so far.
         best_score: the best score found by each of them so far; -inf before the first.
         along_m, cross_m, score: the objective over positions, with the rest of the pose as the swarm left it.
     """

@@ -157,7 +157,7 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
     count = jnp.maximum(jnp.sum(away, dtype=jnp.float32), 1.0)
     mean = jnp.sum(jnp.where(away, surface.score, 0.0)) / count
     spread = jnp.sum(jnp.where(away, (surface.score - mean) ** 2, 0.0)) / count
-    # A handful of places away from the best says nothing about chance: the most cautious value is used.
+    # A handful of places away from the best does not measure chance: the most cautious value is used.
     enough = jnp.sum(away) >= 16
     return Modes(jnp.stack(places), jnp.stack(scores), jnp.where(enough, jnp.sqrt(spread), 0.5))
 
@@ -394,7 +394,7 @@ def ground_under(
 
 
 def rival_of(surface: SurfacePicture, best_m: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "2"] | None:
-    """Highest peak of a surface at least ``apart_m`` from a place (along, cross); None where there is none."""
+    """Highest peak of a surface at least ``apart_m`` from a place (along, cross); ``None`` without one."""
     score = np.where(np.isfinite(surface.score), surface.score, -np.inf)
     rows, columns = score.shape
     framed = np.pad(score, 1, constant_values=-np.inf)

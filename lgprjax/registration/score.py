@@ -117,7 +117,7 @@ def score_each(
     height_reference_m: Float[Array, ""],
     angular_frequency_rad_per_ns: Float[Array, " half"],
 ) -> Float[Array, " batch"]:
-    """Correlation of each template at a pose of its own; NaN where less than half of it is on the map."""
+    """Correlation of each template at its own pose; NaN if less than half of it is on the map."""
 
     def one(each: tuple[Template, Float[Array, "5"]]) -> Float[Array, ""]:
         score = score_poses(

@@ -116,7 +116,7 @@ class Registration:
         chance: chance of a false match on the map.
         likelihood: likelihood of map and array, for the filter (``options.filter``).
         recorded: recorded numbers per trace.
-        prepared: ground prepared for the array, shared between drives; ``None``: prepared anew.
+        prepared: ground prepared for the array, shared between drives; ``None``: prepared here.
         block_scans: largest block per call of ``feed``; a compiled shape.
     """
 

@@ -2,7 +2,7 @@
 
 The search of the first system of this kind (LL). It begins anywhere in its region and knows no derivative; region,
 particles and iterations follow the correlation: small where the last place was certain, the whole region where it was
-not. A swarm says where the best pose is. Whether that is certain, and in which window, is decided as by default, by
+not. A swarm finds the best pose. Whether that is certain, and in which window, is decided as by default, by
 scores close to the place and at decoys: probabilities, codes and the time scale mean the same, and a place that both
 accept was found in two ways.
 """

@@ -39,7 +39,7 @@ class KnownPlace(NamedTuple):
     Attributes:
         error_m: east and north of it, less dead reckoning; None before there is one.
         seen_m: travel where it was accepted last; that of the first stop before there is one.
-        found_m: travel where it was found, -inf where none was.
+        found_m: travel at which it was found, -inf without a place.
         found_in: area in square metres, and time scales and attitudes, among which it was found.
     """
 
@@ -95,7 +95,7 @@ class WindowJudge:
         self._floor = self._floor[:, stops:]
 
     def take(self, here_m: float, error_m: Float[np.ndarray, "2"], points: float, tried: float) -> None:
-        """Take a place; one that was not known has been found among so many lattice points, and others tried."""
+        """Take a place; a new one was found among the given numbers of lattice points and trials."""
         found_m, found_in, known = self.place.found_m, self.place.found_in, self.place.error_m
         if known is None or here_m - self.place.seen_m > LOST_M:
             found_m = here_m
@@ -199,7 +199,7 @@ class WindowJudge:
         return foreign, rivals
 
     def chose(self, stops: Stops, first: Int[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
-        """Windows with ground that the present place was found by: it says the same again, and confirms nothing."""
+        """Windows with ground by which the present place was found, which confirm nothing."""
         return np.asarray(stops.path_m[np.maximum(first, 0)] <= self.place.found_m)
 
     def beyond(self, peaks: Peaks, foreign: Float[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
@@ -292,7 +292,7 @@ class WindowJudge:
         """
         risk, known = self._options.risk, (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
-        # A scan by itself hardly knows a heading that the ground has not confirmed yet: a longer window does.
+        # A single scan hardly determines a heading that the ground has not confirmed yet; a longer window does.
         unsure = self._attitude.half_width(stops.sigma_yaw_rad[at])[:, 1] > _UNCONFIRMED_RAD
         if self._options.own_thresholds is None:
             good = good & self._agreed(peaks, good)

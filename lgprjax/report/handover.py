@@ -1,4 +1,4 @@
-"""A record of a worked field as it is handed over: GIS layers, turning points, and a report to be signed."""
+"""Handover of a record of a worked field: GIS layers, turning points, and a report to be signed."""
 
 import math
 import tempfile

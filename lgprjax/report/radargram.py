@@ -113,7 +113,7 @@ def radargram_of(profile: Profile, channel: int = 0) -> Radargram:
 def even_columns(
     place_m: Float[np.ndarray, " trace"],
 ) -> tuple[Float[np.ndarray, " column"], Int[np.ndarray, " column"]]:
-    """An even grid along a line and the nearest trace of each place; -1 where none is near.
+    """An even grid along a line and the nearest trace of each place; -1 without a near one.
 
     Traces taken standing or in reverse are skipped. The grid has the usual step of the rest, with at most 6000 places.
     """

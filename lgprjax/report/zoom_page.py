@@ -114,7 +114,7 @@ _MOST_SCANS = 20_000
 def write_drive_page(result: DriveResult, path: str | Path, *, force: bool = False) -> None:
     """Write a registered drive as a page that can be zoomed, with the numbers of the scan that is pointed at.
 
-    Scans without a fix of their own are left out; of a very long drive every so many are drawn, and all wrong ok fixes.
+    Scans without a fix of their own are left out; a very long drive is thinned, except for wrong ok fixes.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.

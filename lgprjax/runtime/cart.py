@@ -42,7 +42,7 @@ _STEP_S = 0.1
 _PIECE = 16_384
 """Ticks that are smoothed at once, some 27 minutes: one compiled size serves every log."""
 _SILENT_S = 30.0
-"""A longer silence parts a log: the cart's heading is known anew after it, and no ticks are made for it."""
+"""Longest gap within a part of a log; after a longer one the heading is found again, and the gap has no ticks."""
 _FIXED_SIGMA_M = 0.02
 _LEAST_SIGMA_M = 0.001
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -169,7 +169,7 @@ def _heard(data: bytes) -> tuple[list[_Heard], int]:
 
 
 def _date_notes(clock: DatedClock) -> list[str]:
-    """Dates that were not believed, in words."""
+    """Description of distrusted dates."""
     begin = datetime.fromtimestamp(float(clock.time_s[0]), UTC)
     notes = []
     for day, count in sorted(clock.other_dates.items()):

@@ -52,7 +52,7 @@ class RadarTable(ConfigTable):
 
     Attributes:
         sweep: frequencies; None: the radar's own.
-        scan_period_us: period of the scans; 0: the radar's own.
+        scan_period_us: period of the scans; 0: as planned.
         calibrate, look_up: whether to request a calibration and a look-up before the start, with the array over the
             ground and pointed at empty space, respectively.
         calibration: path of X.radar.h5, in place of the look-up that the radar records itself.

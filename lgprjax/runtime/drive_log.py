@@ -51,9 +51,9 @@ _UNSURE_RAD = math.radians(5.0)
 """A heading of which the receiver states a larger sigma is not used."""
 _MOVING_MPS = 0.1
 _HEADING_NS = 300_000_000
-"""Headings farther apart say nothing of a position between them."""
+"""Largest gap between headings that are interpolated at a position between them, ns."""
 _PIECE, _AHEAD = 8_192, 2_048
-"""Ticks that are smoothed at once, and those after them that are looked at as well: 164 s and 41 s."""
+"""Ticks smoothed at once, and following ticks used as well: 164 s and 41 s."""
 _EVERY = 5
 """Ticks per pose, which gives ten poses per second."""
 _SIDE_NOISE = 0.5

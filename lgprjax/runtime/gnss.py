@@ -307,7 +307,7 @@ class GnssParser:
 
 
 def _message_at(buffer: bytearray, at: int) -> int | tuple[RefusalReason] | None:
-    """End of the message that begins at ``at``, why there is none, or ``None`` if it is incomplete."""
+    """End of the message that begins at ``at``, the reason of its refusal, or ``None`` if it is incomplete."""
     if buffer[at] == ord("$"):
         return _sentence_at(buffer, at)
     if buffer.startswith(_GNSS_UBX[: len(buffer) - at], at):

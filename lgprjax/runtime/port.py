@@ -93,7 +93,7 @@ class Port(Generic[Item]):
 
     @staticmethod
     def frames(source: int, url: str, baud: int, line: str, *, capacity: int = 512) -> "Port[Frame]":
-        """The port of a line that speaks ``data_schema/wire.toml``: ``radar``, ``drive_by_wire`` or ``controller``."""
+        """The port of a line of ``data_schema/wire.toml``: ``radar``, ``drive_by_wire`` or ``controller``."""
         return Port(source, url, baud, FrameParser(), receiver=Receiver(line), capacity=capacity)
 
     def take(self) -> list[Arrival[Item]]:
@@ -182,7 +182,7 @@ class Port(Generic[Item]):
             self._refused.append(Arrival(arrival_ns, refused))
 
     def _send(self, fd: int) -> None:
-        """Send as much as the line accepts now; a frame once begun is finished, however late."""
+        """Send as much as the line accepts now; a begun frame is always finished."""
         while True:
             if self._rest and not self._begun and time.monotonic_ns() - self._rest_ns > _SEND_WITHIN_NS:
                 self.unsent += 1

@@ -102,7 +102,7 @@ class Heartbeats:
 
 
 UNUSABLE_INPUT = 4
-"""Exit status of a process whose configuration, or a file of it, cannot be used: it has said why."""
+"""Exit status of a process whose configuration, or a file of it, cannot be used; the process has printed the reason."""
 
 
 @dataclass
@@ -239,7 +239,7 @@ def only_instance(config: RuntimeConfig, run_folder: Path) -> Iterator[None]:
     The kernel releases them when the process ends.
 
     Raises:
-        InputError: another process holds one of them; the message says which.
+        InputError: another process holds one of them; the message names it.
     """
     # The line whose device only one run may have: that of the commands, or of a run that only records, its first.
     name = next(name for name in ("drive_by_wire", "gnss", "radar") if getattr(config.ports, name) is not None)

@@ -143,7 +143,7 @@ class Resume(NamedTuple):
 
 
 def resume(folder: Path) -> Resume:
-    """State of the run in a folder; a new run if there is none.
+    """State of the run in a folder; a new run without one.
 
     Only the last segment with records is read: records of an earlier one were released by their rings long ago.
 

@@ -159,7 +159,7 @@ class Child:
         return self._died(now_s, f"signal {-status}" if status < 0 else f"exit {status}")
 
     def end(self) -> None:
-        """Ask it to end; a stopped one is continued to receive the signal."""
+        """Signal the process to end; a stopped one is continued to receive the signal."""
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
             self._process.send_signal(signal.SIGCONT)
@@ -176,7 +176,7 @@ class Child:
         self._reported_dead = self.ready = False
         self._silent_s, self._count, self._started_s = 0.0, 0, now_s
         try:
-            # A group of its own: signals of a terminal reach the supervisor alone, which ends them in order.
+            # A separate group: signals of a terminal reach the supervisor alone, which ends the processes in order.
             self._process = subprocess.Popen(
                 self._command(self.died_before), env=self._environment, stdin=subprocess.DEVNULL, process_group=0
             )
@@ -228,7 +228,7 @@ class Child:
 
 
 def end_children(children: Sequence[Child], limit_s: float) -> None:
-    """Ask processes to end and wait; those still running after ``limit_s`` seconds are killed."""
+    """Signal processes to end and wait; those still running after ``limit_s`` seconds are killed."""
     for child in children:
         child.end()
     until_s = time.monotonic() + limit_s
@@ -459,7 +459,7 @@ def _make_rings(rings: Path) -> None:
 
 @contextmanager
 def _end_signals() -> Iterator[list[int]]:
-    """The signals that ask for an orderly end, as they come in."""
+    """The signals that request an orderly end, as they arrive."""
     end_requested: list[int] = []
     before = {number: signal.signal(number, lambda number, _: end_requested.append(number)) for number in _ENDED_BY}
     try:

@@ -118,7 +118,7 @@ def place_on_road(
     run_m = plan.speed_mps * np.asarray(time_s)
     length_m = run_m if plan.direction > 0 else motion.arc_length_m[-1] - run_m
     along = np.interp(length_m, motion.arc_length_m, motion.arc_along_m)
-    # A channel's own instant may fall just past the last node; the road goes on.
+    # A channel's own instant may be just past the last node; the road continues.
     beyond_m = np.minimum(length_m, 0.0) + np.maximum(length_m - motion.arc_length_m[-1], 0.0)
     along += beyond_m / (1.0 - follow_centre(motion.road, along).curvature_per_m * plan.lane_m)
     return along, plan.lane_m + wave_value(motion.wander, along)

@@ -249,7 +249,7 @@ def read_other_sensors(
     at = jnp.stack([model.gnss_x_m, model.gnss_y_m]) + laws.mount_m
     antenna = jnp.stack([pose.x_m + cos * at[0] - sin * at[1], pose.y_m + sin * at[0] + cos * at[1]])
     tail = laws.tail_m * jax.random.t(tail_key, _TAIL_FREEDOM, (2,))
-    # A fix that was taken sooner or later than it says.
+    # A fix that was measured earlier or later than its time stamp.
     late = laws.jitter_s * jax.random.normal(late_key) * plant.speed_mps * jnp.stack([cos, sin])
     wrong = burst + tail + late + laws.base_m
     measured = jnp.where(tick % model.gnss_ticks == 0, antenna + wrong, state.measured_m)

@@ -38,7 +38,7 @@ CORNERING_MPS2_PER_RAD = 80.0
 
 
 class Plant(NamedTuple):
-    """The vehicle as it is. Fields are scalars or one value per batch element."""
+    """The true vehicle. Fields are scalars or one value per batch element."""
 
     chassis: Chassis
     servo: Servo
@@ -146,7 +146,7 @@ def wave_at(waves: Waves, along_m: Float[Array, "..."]) -> Float[Array, "..."]:
     return total
 
 
-# The skid-steer vehicle as it is: hydraulics that are late, a control threshold, sides that slip, turns that slide.
+# The true skid-steer vehicle: delayed hydraulics, a control threshold, sides that slip, turns that slide.
 
 
 class SkidPlant(NamedTuple):

@@ -169,7 +169,7 @@ def make_road(seed: int, config: RoadConfig) -> Road:
     """
     if not min(config.length_m, config.min_radius_m, config.transition_m, config.arc_length_m[0]) > 0:
         raise ValueError("a road's length, smallest radius, transition and arcs must be longer than 0")
-    # Effects count from 1: a seed's trailing zero would not make a stream of its own.
+    # Effects count from 1, because a seed's trailing zero would not make a separate stream.
     rng_arcs, rng_grade, rng_bank, rng_rough = (np.random.default_rng([seed, 6, effect]) for effect in (1, 2, 3, 4))
     before = int(np.ceil(config.margin_m / NODE_STEP_M))
     after = int(np.ceil((config.length_m + config.margin_m) / NODE_STEP_M))

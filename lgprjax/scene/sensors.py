@@ -82,7 +82,7 @@ class OdometerTrack(NamedTuple):
 class PoseTrack(NamedTuple):
     """Poses of the body origin (east_m, north_m, height_m, yaw_rad, roll_rad).
 
-    ``sigma`` is what the receiver says of each, in the same units; None for a track known without error.
+    ``sigma`` is the reported standard deviation of each, in the same units; ``None`` for an exactly known track.
     """
 
     time_s: Float[np.ndarray, " time"]

@@ -126,7 +126,7 @@ def read_sensors(
 ) -> DriveSignals:
     """The log of a drive. The encoder's zero is drawn: it is unknown at every start.
 
-    Every effect draws from a stream of its own: switching one on leaves the others as they were.
+    Every effect draws from its own random stream, so switching one on does not change the others.
 
     Raises:
         ValueError: the record rate is no whole part of the simulation's, or fixes come faster than records.

@@ -65,7 +65,7 @@ class ManoeuvreKind(NamedTuple):
 
 
 def _palm_tree(vehicle: TrueVehicle, numbers: Mapping[str, Any]) -> Manoeuvre:
-    # The ratio only says how long an arc is to be.
+    # The ratio only sets the length of an arc.
     ratio = vehicle.rear if isinstance(vehicle.rear, float) else 0.5
     limits = (vehicle.largest_angle_rad, vehicle.lock_to_lock_turns)
     return drive_palm_tree(vehicle.wheelbase_m, ratio, *limits, **numbers)
@@ -408,7 +408,7 @@ def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:
 
 
 def _numbers(place: TableKey, table: dict[str, Any], key: str, limits: Range) -> Any:
-    """A number or list of numbers, ``None`` where there is none; angles also in degrees."""
+    """A number or list of numbers, ``None`` if missing; angles also in degrees."""
     in_degrees = f"{key.removesuffix('_rad')}_deg"
     if key.endswith("_rad") and in_degrees in table:
         if key in table:

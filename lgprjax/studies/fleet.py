@@ -16,7 +16,7 @@ from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import VehicleFile, flat_keys
 
 CHANCE = 0.05
-"""Probability that any number of alike vehicles is said to differ."""
+"""Probability that any number of alike vehicles is reported as different."""
 _SIGMAS = 3.92
 """Width of a 95 % interval."""
 

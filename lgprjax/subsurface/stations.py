@@ -437,7 +437,7 @@ class StationPlaces:
         return np.asarray(numbers[np.sum(apart**2, axis=1) <= radius_m**2])
 
     def nearest(self, points_m: Float[np.ndarray, "point 2"], radius_m: float) -> Int[np.ndarray, " point"]:
-        """Number of the station nearest to each point (the lowest of equals), -1 where none is within ``radius_m``."""
+        """Number of the station nearest to each point (the lowest of equals), -1 if none is within ``radius_m``."""
         out = np.full(len(points_m), -1)
         for share in _NEARER:
             left = np.flatnonzero(out < 0)

@@ -306,7 +306,7 @@ def settle_pulses(
     """The accumulated turn after a step: commanded minus executed.
 
     A limiter's ramp may keep a pulse below the threshold for some steps; this is accounted for. Never more than one
-    pulse is due: turns beyond the limits of the wheels are not made up for later.
+    pulse is due: turns beyond the limits of the wheels are not compensated later.
     """
     obeyed = obeyed_wheels(threshold_mps, sent)
     missing = (commanded.right_mps - commanded.left_mps) - (obeyed.right_mps - obeyed.left_mps)

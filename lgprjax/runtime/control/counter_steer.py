@@ -60,7 +60,7 @@ class Panel:
         self.correlation = math.nan
 
     def take_fix(self, tick: int, code: int, correlation: float) -> None:
-        """Take a searched scan. Those between the stops of a search have no fix of their own, and say nothing new."""
+        """Take a searched scan. Those between the stops of a search have no fix of their own, and change nothing."""
         self._searched = tick
         if code != Code.NO_WINDOW:
             self._decided = tick
@@ -157,7 +157,7 @@ _TICKS_HZ = 50
 def quality_of(result: TickResult) -> int:
     """Quality of the corrected position, as in GGA; never better than what bounds its error.
 
-    4: LGPR, or GNSS that nothing speaks against, bounds it to 0.1 m; 5: one of them bounds it to 0.5 m; 6: dead
+    4: LGPR, or uncontradicted GNSS, bounds it to 0.1 m; 5: one of them bounds it to 0.5 m; 6: dead
     reckoning, or GNSS and LGPR contradict each other; 0: none.
     """
     numbers = (result.fused_x_m, result.fused_y_m, result.fused_yaw_rad, result.sigma_along_m, result.sigma_cross_m)

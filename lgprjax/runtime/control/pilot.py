@@ -26,7 +26,7 @@ from lgprjax.runtime.control.setup import TICK_S, Loaded
 
 _SEARCH_TICKS = 25
 _KEPT_M = 50.0
-"""Way by hand after which a place of several is chosen anew."""
+"""Way by hand after which one of several places is chosen again."""
 _UNSURE_RAD = math.radians(5.0)
 """A heading that its receiver states less surely is none."""
 _NOTHING = TickResult(*[math.nan] * len(TickResult._fields))
@@ -157,7 +157,7 @@ class Pilot:
             self._known = self._place(-1, self.result.leg, self.result.arc_m, self.result.travel)
             self._left_m = 0.0
         elif self._known is not None and math.isfinite(self.result.speed_mps):
-            # While the operator drives, the place goes on with the vehicle; after a while it is known no more.
+            # While the operator drives, the place moves with the vehicle; after a while it becomes unknown.
             way_m = self.result.speed_mps * sensed.step_s
             self._known = self._known._replace(at_m=self._known.at_m + self._known.travel * way_m)
             self._left_m += abs(way_m)
@@ -195,7 +195,7 @@ class Pilot:
     def _found(self, pose: Float[np.ndarray, " 3"], number: int) -> tuple[OnboardState, FoundPlaces]:
         assert self._state is not None
         state, row = acquire_compiled(self._setup, self.path, self._state, pose, np.int32(number))
-        # Converted as a whole: each element access on a device array is a program of its own.
+        # Converted as a whole, because each element access on a device array is a separate program.
         return state, FoundPlaces(*np.asarray(row))
 
     def _place(self, number: int, leg: float, arc_m: float, travel: float) -> Place:

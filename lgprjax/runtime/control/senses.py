@@ -32,7 +32,7 @@ from lgprjax.wire import Frame, decode
 
 _LOOSE_M = 2.0
 _STATED_NS = 2_000_000_000
-"""An accuracy of a message of its own is used for later positions for this long."""
+"""Time for which an accuracy from a separate message is used for later positions."""
 
 _ROLL_OLD_NS = 500_000_000
 
@@ -85,7 +85,7 @@ class GnssTick(NamedTuple):
 
 
 class _Stated(NamedTuple):
-    """The accuracy of a position, from a message of its own; the quality is that position's."""
+    """The accuracy of a position, from a separate message; the quality is that position's."""
 
     sigma_m: float
     quality: Quality
@@ -162,7 +162,7 @@ class GnssSenses:
             np.array([stated.latitude_deg]), np.array([stated.longitude_deg]), np.array([height_m])
         )
         epoch, own_m = (sample.scale, stated.tow_s), stated.sigma_m
-        # A position with an accuracy of its own takes none of another message.
+        # A position with its own accuracy ignores that of another message.
         self._place_epoch = None if math.isfinite(own_m) else epoch
         reported_m = own_m if math.isfinite(own_m) else self._stated_m(epoch, stated.quality, arrival_ns)
         self._longitude_deg = stated.longitude_deg
@@ -283,7 +283,7 @@ class LineSenses:
                 self._take_status(self.box, anew=before is not None and before.frame.session != frame.session)
 
     def _take_status(self, box: BoxStatus, *, anew: bool) -> None:
-        """A status came; ``anew``: of a box that started anew and counts from zero."""
+        """Take a status; ``anew``: whether the box restarted and counts from zero."""
 
     def _step_s(self, now_ns: int) -> float:
         """A tick ends: since the last one."""

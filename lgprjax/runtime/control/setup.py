@@ -123,7 +123,7 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
 def _laid(
     config: RuntimeConfig, name: str, frame: LocalFrame | None, hashes: dict[str, str]
 ) -> tuple[LaidRoute, LocalFrame | None]:
-    """A route in a frame; in its own, where there is none yet."""
+    """A route in a frame; in its own frame if none is given."""
     file = config.path(name)
     try:
         chosen = read_route(file)

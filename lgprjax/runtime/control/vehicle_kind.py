@@ -115,7 +115,7 @@ _SAYS = {
 _KEPT = ("recorder", "coverage")
 """Processes that are mandatory if the recording is."""
 _BESIDE = ("coverage", "output")
-"""Processes that the modes know nothing of."""
+"""Processes that the mode machine ignores."""
 
 
 class Processes:

@@ -51,7 +51,7 @@ from lgprjax.runtime.control.senses import BoxStatus, Sensed, chassis_belief, pe
 ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS | Watch.SPEED_UNKNOWN
 _TOLD = STEERING | PEDALS
 _DOUBT_S = 3.0
-"""Time for which wheels that were found bad are not believed again while engaged: with GNSS gone the finding clears
+"""Time for which wheels found bad stay distrusted while engaged: with GNSS gone the finding clears
 although nothing has improved, and their zero would end a controlled stop at speed."""
 
 

@@ -196,7 +196,7 @@ class OpenMap:
             self._probability[place] = np.maximum(self._probability[place], self._window.probability())
 
     def _grow(self, first: tuple[int, int]) -> bool:
-        """Cells for a window; whether there are so many."""
+        """Extend the cells to a window; whether the number of cells allows it."""
         grid, side = self.grid, self._side
         low, high = first, (first[0] + side, first[1] + side)
         if grid.east_cells:
@@ -230,7 +230,8 @@ def worked_runs(
 ) -> tuple[int, list[list[int]]]:
     """Worked blocks of cells, as runs for a page.
 
-    A block counts as worked if all of its cells inside the field are: a coarse picture claims no more than the map.
+    A block counts as worked if all of its cells inside the field are: a coarse picture must not claim more than the
+        map.
 
     Args:
         worked: cells.

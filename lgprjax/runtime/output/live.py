@@ -1,4 +1,4 @@
-"""The live view: scene, position, radargram and modes over the websocket that Foxglove speaks."""
+"""The live view: scene, position, radargram and modes over Foxglove's websocket protocol."""
 
 import contextlib
 import json
@@ -99,7 +99,7 @@ class LiveView:
         log("/pose", messages.PoseInFrame(frame_id="map", pose=pose))
 
     def close(self) -> None:
-        """Let go of all viewers."""
+        """Disconnect all viewers."""
         self._server.stop()
 
     def _show_state(self, state: dict[str, Any]) -> None:

@@ -143,7 +143,7 @@ class NmeaOutlets:
         self._send_serial(data, now_s)
 
     def close(self) -> None:
-        """Let go of everybody."""
+        """Disconnect all receivers."""
         for client in self._clients:
             client.close()
         if self._listener is not None:

@@ -1,6 +1,6 @@
 """The output process: gives the corrected position out, and serves the live view.
 
-It only reads rings: whatever a client, a line or a viewer does cannot hold up what drives.
+It only reads rings, so that clients, lines and viewers cannot delay the control loop.
 """
 
 import signal

@@ -125,7 +125,7 @@ class ScanQueue:
             own[number] |= scan.time_ns - self._told_ns >= _STANDING_NS
             if own[number]:
                 self._told_ns = scan.time_ns
-            # The same match again knows nothing new: all repeats together say a third of what it said.
+            # A repeated match adds no information: all repeats together have a third of its weight.
             self._repeats = 0 if found.searched[number] else min(self._repeats + own[number], _MOST_REPEATS)
             weight[number] = _REPEATED**self._repeats
         rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)

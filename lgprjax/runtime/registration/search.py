@@ -50,7 +50,7 @@ from lgprjax.runtime.registration.scans import (
 from lgprjax.runtime.ring import Ring
 from lgprjax.wire import Frame, Sender, draw_session
 
-# Tiles prepared before the vehicle reaches them: in a thread, on a map object of its own.
+# Tiles prepared before the vehicle reaches them: in a thread, on a separate map object.
 
 AHEAD_M = (0.0, 1.0, 2.0, 3.0)
 """Distances ahead of the array at which tiles are prepared; the first is at the array."""

@@ -296,7 +296,7 @@ class DriveBox(HostedBox):
                 self._test_since_ns = None
 
     def _begin_test(self, now_ns: int) -> None:
-        # A host repeats its command: the test that runs goes on.
+        # A host repeats its command: the running test continues.
         running = self._test_since_ns is not None
         if not running and self.held == 0 and not self._default and abs(self._speed_mps) <= _ROLLS_MPS:
             self._test_since_ns, self._tested = now_ns, 0

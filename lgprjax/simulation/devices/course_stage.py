@@ -185,7 +185,7 @@ class CourseStage(Stage[DriveBox, Tick]):
             self.radar.put(rows)
 
     def skip(self, tick: Tick) -> int:
-        """Leave a tick's scans out, and say how many they are."""
+        """Leave out a tick's scans, and return their number."""
         self.put_scans(tick, [None] * self.world.scans_a_tick)
         return self.world.scans_a_tick
 

@@ -12,7 +12,7 @@ from lgprjax.errors import InputError
 # When the items of a script, or faults, begin and end.
 
 READY_MODE = 2
-"""Moments count from the first command that said so."""
+"""Mode of the host's command from which times count first."""
 
 
 class Moment(NamedTuple):
@@ -253,7 +253,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "supply_sag": ("v",),
     "second_master": (),
 }
-"""Faults by name, and what each must say of itself.
+"""Faults by name, with their required keys.
 
 ``m`` of ``gnss_jump`` is [east, north], of ``radar_wrong_place`` [along, left]; ``line`` is drive_by_wire, controller,
 gnss or radar. A fault of a line acts on both of its ways; ``gnss`` and the other way of a repeating counter have none.

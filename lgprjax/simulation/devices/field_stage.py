@@ -83,7 +83,7 @@ FIELD_FAULTS: dict[str, tuple[str, ...]] = {
     "tool_stops": (),
     "tool_depth": ("m",),
 }
-"""Faults by name, and what each must say of itself. ``left_dead``: of the sensor; ``tool_depth``: m deeper."""
+"""Faults by name, with their required keys. ``left_dead``: dead sensor; ``tool_depth``: m deeper."""
 
 
 # The skid-steer vehicle behind the devices: plant and navigation sensors stepped in one compiled call.

@@ -28,7 +28,7 @@ from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.drives import SITE_FRAME
 from lgprjax.simulation.loop.off_road import OffRoad
 
-# The stage that a spec asks for: a course with a radar, or a field with a tool.
+# The stage of a specification: a course with a radar, or a field with a tool.
 
 StageMaker = Callable[[int], Stage[Any, Any]]
 """A stage that begins at a time of the world's clock."""
@@ -168,7 +168,7 @@ class Ports:
         return told
 
     def close(self) -> None:
-        """Let go of all ports."""
+        """Close all ports."""
         self._hang_up()
         self._listener.close()
         for handle in (*self._masters, *self._slaves):

@@ -193,7 +193,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
         """Record the scans of a tick, where a radar scans."""
 
     def skip(self, tick: _Tick) -> int:
-        """Leave a tick's scans out, and say how many they are."""
+        """Leave out a tick's scans, and return their number."""
         del tick
         return 0
 

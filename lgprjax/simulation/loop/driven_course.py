@@ -115,7 +115,7 @@ class RadarLoop:
             seed=seed,
             faults=ReceiverFaults(),
         )
-        # As on board: each stop is judged by itself.
+        # As on board, each stop is judged separately.
         options = replace(options, track=True)
         ground = ground_map_for(source, options)
         known, kept = self._radar.radar, len(source.description.gain)
@@ -295,7 +295,7 @@ def _no_fix() -> LgprObservation:
 def _observation(
     pose: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "3 3"], age_s: float, *, valid: bool
 ) -> LgprObservation:
-    # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
+    # NumPy arrays, which a compiled function takes directly: transfers of each would cost as much as the call.
     numbers = [*(np.float32(part) for part in pose), covariance.astype(np.float32), np.float32(age_s), np.bool_(valid)]
     return LgprObservation(*(cast("Array", number) for number in numbers))
 

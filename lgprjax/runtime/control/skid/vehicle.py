@@ -268,7 +268,7 @@ def cover_row(
     ]
     row["speed_mps"], row["left_mps"], row["right_mps"] = result.speed_mps, sensed.left_mps, sensed.right_mps
     row["tool"], row["depth_m"] = int(tool), math.nan if reading is None else reading.depth_m
-    # Driven by hand the vehicle is on no line of the plan, wherever it left its route.
+    # Driven by hand the vehicle counts as on no line of the plan.
     row["mode"], row["line"] = mode, whole(result.line, -1) if mode == Mode.SPEED else -1
     row["stop"] = int(_stops(Mode(mode), bits, found))
     row["gnss_quality"] = int(sensed.quality)
