@@ -48,7 +48,7 @@ class RecordKind(IntEnum):
     PLAN = 12
     """``PLAN``: decision of a tick."""
     COVER = 13
-    """``COVER``: ten times a second, pose of a skid-steer vehicle and state of its tool."""
+    """``COVER``: ten times per second, pose of a skid-steer vehicle and state of its tool."""
     SKID_PLAN = 14
     """``SKID_PLAN``: decision of a skid-steer vehicle's tick."""
     WORKED = 15

@@ -333,7 +333,7 @@ class DriveHealth(NamedTuple):
 
 
 def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None) -> DriveHealth:
-    """Measure a drive log, streaming: some hundred numbers a second of recording are kept.
+    """Measure a drive log, streaming: some hundred numbers per second of recording are kept.
 
     Args:
         log: traces or sweeps.

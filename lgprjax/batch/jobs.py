@@ -450,7 +450,7 @@ def _clean(folder: Path, names: Sequence[str]) -> None:
 
 
 def figures_of(drive: RegisteredDrive) -> DriveFigures:
-    """Counts, accuracy where the truth is known, time a scan."""
+    """Counts, accuracy where the truth is known, time per scan."""
     code, correlation = np.asarray(drive.fix.code), np.asarray(drive.fix.correlation)
     errors = true_errors(drive)
     along, cross = errors[np.isfinite(errors[:, 0])].T

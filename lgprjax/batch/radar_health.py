@@ -200,7 +200,7 @@ _NARROW = 25.0  # power of one frequency's noise over its block's median that no
 
 
 class SweepLevels(NamedTuple):
-    """Levels that only sweeps have, one row a block.
+    """Levels that only sweeps have, one row per block.
 
     Attributes:
         calibration: mean calibration sweep divided by that of the look-up sweeps; NaN without any.

@@ -467,7 +467,7 @@ def register_log(
 ) -> RegisteredDrive:
     """Register every scan of a drive log.
 
-    Traces are streamed in blocks; a few hundred bytes a scan are kept.
+    Traces are streamed in blocks; a few hundred bytes per scan are kept.
 
     Args:
         source: the database.

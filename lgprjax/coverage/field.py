@@ -214,7 +214,7 @@ def _thickness_m(corners: Float[np.ndarray, "corner 2"]) -> float:
     return float(np.ptp(shifted @ across))
 
 
-# The tool that works the ground: its rectangle, and its state ten times a second.
+# The tool that works the ground: its rectangle, and its state ten times per second.
 
 
 class Tool(NamedTuple):

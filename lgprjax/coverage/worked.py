@@ -1,4 +1,4 @@
-"""The worked area, live: for each cell the probability that the tool was over it, kept up ten times a second.
+"""The worked area, live: for each cell the probability that the tool was over it, updated ten times per second.
 
 Each moment judges a patch of cells around the tool and no others, so its cost does not grow with the field. A cell
 takes pose and error from the strip of the pass that it was crossed with, the beginning and the end from the pass so

@@ -76,7 +76,7 @@ class TraceRecording:
         time_zero_ns: time zero, relative to sample 0.
         zero_level: stored value of no signal (128 for unsigned bytes).
         centre_frequency_hz: nominal centre frequency, ``None`` when unknown.
-        samples: samples a trace.
+        samples: number of samples per trace.
     """
 
     sample_interval_ns: float
@@ -438,7 +438,7 @@ class DriveLog:
         description: everything except the radar data.
         scan_time_s: float64 [scan], seconds since ``description.t0_utc``, strictly increasing.
         scans, channels: sizes of the recording.
-        samples: samples a trace, or frequencies a sweep.
+        samples: number of samples per trace, or of frequencies per sweep.
     """
 
     def __init__(self, path: Path, store: h5py.File) -> None:

@@ -319,7 +319,7 @@ class MapHistory(NamedTuple):
     """History of a map's baselines, from its provenance.
 
     Attributes:
-        inputs: one row a baseline, empty if missing.
+        inputs: one row per baseline, empty if missing.
         updates: rows of the updates so far.
         agreement: median score of the matches of its first baselines, as far as that has been measured.
         repeats: share of each baseline's signal that is ground; NaN where not measured.

@@ -32,7 +32,7 @@ _WORD = re.compile(r"[a-z]+")
 
 
 def read_topography(path: str | Path) -> SidePositions:
-    """Read a table of places: one row a trace, or points along the line.
+    """Read a table of places: one row per trace, or points along the line.
 
     Columns are separated by semicolons, tabs, commas or blanks; with the first two a comma is the decimal sign. A first
     row of names gives the order (``N,E,Z``, ``x y z``, ``lat,lon,height``, ``position;elevation``; columns of other

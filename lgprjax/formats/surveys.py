@@ -227,7 +227,7 @@ def import_iprb(
     output: str | Path,
     force: bool = False,
 ) -> str | None:
-    """Write the ImpulseRadar files of one line, one a channel, as one drive log.
+    """Write the ImpulseRadar files of one line, one per channel, as one drive log.
 
     Several files are an array, placed by ``CH_X_OFFSET`` and ``CH_Y_OFFSET`` of their headers; the leftmost becomes
     channel 0, in any order of the files. A single file is a single channel on the line.

@@ -78,7 +78,7 @@ class MapSurvey(NamedTuple):
 def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None) -> MapSurvey:
     """Survey every baseline of a map.
 
-    Tiles are gridded when needed and few are cached; a few hundred bytes a place are kept.
+    Tiles are gridded when needed and few are cached; a few hundred bytes per place are kept.
 
     Args:
         source: the database.

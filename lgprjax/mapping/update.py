@@ -87,7 +87,7 @@ _SURE_M, _LOST_M = 0.15, 0.26  # sigma up to which labels are corrected in full,
 
 
 class LabelCorrection(NamedTuple):
-    """Correction of a drive's labels, one row a scan.
+    """Correction of a drive's labels, one row per scan.
 
     Attributes:
         offset: correction of east_m, north_m, yaw_rad.

@@ -282,7 +282,7 @@ class MapHealth(NamedTuple):
 def verify_map(source: MapFile, progress: Callable[[int], None] = lambda _: None) -> MapHealth:
     """Measure a map along its route and judge it.
 
-    Memory: a few tiles, and some hundred bytes a metre of route and baseline.
+    Memory: a few tiles, and some hundred bytes per metre of route and baseline.
 
     Args:
         source: the database.

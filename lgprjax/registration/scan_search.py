@@ -23,7 +23,7 @@ from lgprjax.subsurface import GroundMap, Tile, sample_tile
 # The coarse stage: every place of the search region on the grid's own cells, at the prior's attitude.
 #
 # Correlation is linear in the map, so one matrix product of traces with cells holds every product needed at any place;
-# with the antennas rounded to whole cells a place's score is a sum of slices, one a trace, and no gather. Being
+# with the antennas rounded to whole cells a place's score is a sum of slices, one per trace, and no gather. Being
 # exhaustive, it cannot miss the best place or its rivals: the swarm refines them, and the difference of their scores is
 # the margin that integrity relies on.
 

@@ -203,7 +203,7 @@ figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-t
 
 
 def summary_table(summaries: Sequence[DriveSummary]) -> Table:
-    """One column a drive, to fit a terminal of 80 columns; a drive with wrong ok fixes is highlighted."""
+    """One column per drive, to fit a terminal of 80 columns; a drive with wrong ok fixes is highlighted."""
     table = Table(title="Registration", caption=overview_caption(summaries), min_width=66)
     header, rows = overview(summaries)
     table.add_column(header[0])

@@ -172,7 +172,7 @@ def _scan_panel(
     y: Float[np.ndarray, " scan"],
     lines: Sequence[tuple[str, np.ndarray, np.ndarray]] = (),
 ) -> _Panel | None:
-    """A panel of one value a scan; None where no scan has one."""
+    """A panel of one value per scan; None where no scan has one."""
     known = np.isfinite(x) & np.isfinite(y)
     if not known.any():
         return None

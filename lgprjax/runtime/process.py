@@ -76,7 +76,7 @@ class HeartbeatRow:
 
 
 class Heartbeats:
-    """The table of heartbeats: one row a process, which only that process writes."""
+    """The table of heartbeats: one row per process, which only that process writes."""
 
     def __init__(self, folder: Path) -> None:
         path = folder / "heartbeats"

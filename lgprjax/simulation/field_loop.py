@@ -78,7 +78,7 @@ from lgprjax.vehicle.kinematics import SkidSteer, VehiclePose, WheelSpeeds, whee
 
 TICK_S = 0.02
 MOMENT_TICKS = 5
-"""Rate of the recorded moments: ten a second."""
+"""Rate of the recorded moments: ten per second."""
 SPARE_M = 0.8
 """Spare room between the route's need beyond the perimeter and the fence."""
 _TRACK_M = 1.1
@@ -206,7 +206,7 @@ class FieldState(NamedTuple):
 
 
 class FieldMoment(NamedTuple):
-    """Record of a moment, ten times a second.
+    """Record of a moment, ten times per second.
 
     Attributes:
         x_m, y_m, yaw_rad: true pose of the reference point.

@@ -27,7 +27,7 @@ from lgprjax.tuning.tracking import beside_path
 
 
 def _plan_of(course: DrivenCourse, truth: DriveTruth, frame: LocalFrame) -> dict[str, np.ndarray]:
-    """The plan of a drive along a course, ten times a second, by its true places."""
+    """The plan of a drive along a course, ten times per second, by its true places."""
     every = slice(None, None, 10)
     time_s, east, north, yaw = (part[every] for part in (truth.time_s, truth.east_m, truth.north_m, truth.yaw_rad))
     beside = beside_path(

@@ -1,4 +1,4 @@
-"""A hand cart with a GNSS receiver alone, live: its pose ten times a second, its tool's rows some seconds later."""
+"""A hand cart with a GNSS receiver alone, live: its pose ten times per second, its tool's rows some seconds later."""
 
 import math
 from collections import deque

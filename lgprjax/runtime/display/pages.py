@@ -1,4 +1,4 @@
-"""The page's files and its websocket: the state to every viewer ten times a second, the newest only."""
+"""The page's files and its websocket: the state to every viewer ten times per second, the newest only."""
 
 import asyncio
 import json

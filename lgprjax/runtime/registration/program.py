@@ -91,7 +91,7 @@ class ScanQueue:
         ready: list[_Scan] = []
         while self._waiting and len(ready) < TRACK_SCANS and priors.covers(self._waiting[0].time_ns):
             scan = self._waiting.popleft()
-            # At standstill ten scans a second are enough.
+            # At standstill ten scans per second are enough.
             if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
                 ready.append(scan)
                 self._searched_ns = scan.time_ns

@@ -44,7 +44,7 @@ class FieldSpec(StageSpec):
         track_m, gnss_x_m, gnss_y_m, threshold_mps: track width, antenna and control threshold of the true vehicle.
         wheel_scale: relative scale error of the tracks' sensors.
         seed: seed of slips and errors.
-        host: task of the host; times of the script count from its driving, or at once.
+        host: task of the host; times of the script count from its readiness to drive, or from the start to record.
     """
 
     anchor: tuple[float, float, float]

@@ -8,13 +8,13 @@ from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import BoxStatus, LineSenses, LocalAttitude, LocalPosition, TurnRate
 from lgprjax.runtime.gnss import Quality
 
-# Turns of the vehicle by the INS, ten times a second, from any of its messages.
+# Turns of the vehicle by the INS, ten times per second, from any of its messages.
 #
 # Only changes of a heading are used: an INS at standstill does not know north. Messages with an attitude are preferred;
 # without any, a yaw rate is integrated.
 
 _LEAST_NS = 95_000_000
-"""A faster INS is read ten times a second: the noise of a turn is that of its two ends."""
+"""A faster INS is read ten times per second: the noise of a turn is that of its two ends."""
 _APART_NS = 500_000_000
 """Rates farther apart than this are not integrated."""
 

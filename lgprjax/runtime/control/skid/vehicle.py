@@ -209,7 +209,7 @@ def _numbers(sensed: SkidSensed, wish: Wish, cap_mps: float, now_ns: int) -> Ski
     )
 
 
-# Rows of a skid-steer vehicle's tick: its decision, and ten times a second the state of its tool.
+# Rows of a skid-steer vehicle's tick: its decision, and ten times per second the state of its tool.
 
 
 def skid_plan_row(
