@@ -1,8 +1,8 @@
-"""Configuration files: the one base of their tables, and the one way to say what is wrong with them.
+"""Configuration files: common base of their tables, and their error messages.
 
-A table is a pydantic model derived from ``ConfigTable``, or a frozen dataclass of a numeric room, which knows nothing
-of files and is filled by ``DataclassTables``. Whatever is wrong becomes one ``InputError`` that names file, place, what
-was expected and what was found. Items of a list count from 1.
+A table is a pydantic model derived from ``ConfigTable``, or a frozen dataclass of a numeric package, which does not
+depend on files and is filled by ``DataclassTables``. Every error becomes one ``InputError`` that names file, place,
+expected and found value. Items of a list count from 1.
 """
 
 import difflib
@@ -19,17 +19,17 @@ from pydantic.fields import FieldInfo
 from lgprjax.errors import InputError
 
 Limits = Mapping[str, tuple[float, float]]
-"""Closed range of each number of a dataclass, by its field."""
+"""Closed range of each number of a dataclass, by field name."""
 
 
 class ConfigTable(BaseModel):
-    """A table of a file: no key that it does not know, no text where a number belongs, nothing changed afterwards."""
+    """A table of a file: unknown keys are refused, types are strict, and instances are immutable."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
 
 class RuleViolation(NamedTuple):
-    """What is wrong at a place of a table, the place by its dotted path."""
+    """A violated rule: dotted path of the place, expected and found value."""
 
     place: str
     expected: str
@@ -37,12 +37,12 @@ class RuleViolation(NamedTuple):
 
 
 class BrokenRuleError(ValueError):
-    """What a validator raises: the table that it stands in is added to the place.
+    """Error of a validator; the enclosing table's path is prepended to the place.
 
     Args:
-        place: below the value that is validated; empty for the value itself.
-        expected: in words.
-        found: in words; ``None``: the value as it is.
+        place: path below the validated value; empty for the value itself.
+        expected: description of the expected value.
+        found: description of the value found; ``None``: the value itself.
     """
 
     def __init__(self, place: str, expected: str, found: str | None = None) -> None:
@@ -52,17 +52,17 @@ class BrokenRuleError(ValueError):
 
 @dataclass(frozen=True)
 class TableKey:
-    """File and place of a value: ``drive[2].lane_m``."""
+    """File and path of a value, such as ``drive[2].lane_m``."""
 
     file: Path
     path: str = ""
 
     def at(self, key: str) -> "TableKey":
-        """A key of the table here."""
+        """The place of a key of the table at this place."""
         return TableKey(self.file, _joined(self.path, key))
 
     def refuse(self, expected: str, found: str) -> InputError:
-        """The error to raise."""
+        """The error for a wrong value at this place."""
         return InputError(self.file, self.path or "file", expected, found)
 
 
@@ -71,17 +71,18 @@ Config = TypeVar("Config")
 
 
 def fill_table(kind: type[Table], place: TableKey, table: object, *, known: Iterable[str] = ()) -> Table:
-    """A model from a table.
+    """Fill a model from a table.
 
     Args:
-        kind: of the model.
-        place: of the table.
-        table: as TOML or JSON gives it.
-        known: keys that the reader of this table takes by itself; they are named where one was misspelt.
+        kind: class of the model.
+        place: file and path of the table.
+        table: table parsed from TOML or JSON.
+        known: keys that the caller reads itself; they are suggested for misspelt keys.
 
     Raises:
-        InputError: no table, a key that is unknown or missing, a value of a wrong type or out of its range, or a rule
-            between values that is broken. An unknown key comes first: what is missing may be what it was meant to be.
+        InputError: the value is not a table, a key is unknown or missing, a value has a wrong type or is out of range,
+            or a rule between values is violated. Unknown keys are reported first, because a missing key may be
+            misspelt.
     """
     try:
         return kind.model_validate(as_table(place, table))
@@ -91,7 +92,7 @@ def fill_table(kind: type[Table], place: TableKey, table: object, *, known: Iter
 
 
 def violations(kind: type[BaseModel], error: ValidationError, *, known: Iterable[str] = ()) -> Iterator[RuleViolation]:
-    """What is wrong in words, unknown keys first."""
+    """Violated rules with their descriptions, unknown keys first."""
     problems = error.errors()
     for problem in sorted(problems, key=lambda problem: problem["type"] != "extra_forbidden"):
         cause = problem.get("ctx", {}).get("error")
@@ -100,10 +101,10 @@ def violations(kind: type[BaseModel], error: ValidationError, *, known: Iterable
 
 
 def as_table(place: TableKey, value: object) -> dict[str, Any]:
-    """The value, which must be a table.
+    """The value as a table.
 
     Raises:
-        InputError: it is not.
+        InputError: the value is not a table.
     """
     if not isinstance(value, dict):
         raise place.refuse("a table", say(value))
@@ -126,7 +127,7 @@ def nearest(name: str, known: Iterable[str], what: str) -> str:
 
 
 def say(value: object) -> str:
-    """A value as an error shows it."""
+    """Text of a value for error messages."""
     if isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
         return "an array of tables"
     text = repr(value) if not isinstance(value, dict) else "a table"
@@ -160,7 +161,7 @@ _BOUNDS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal",
 
 
 def _in_words(kind: type[BaseModel], problem: dict[str, Any], known: Iterable[str]) -> tuple[str, str]:
-    """What was expected and found."""
+    """Descriptions of the expected and the found value of a pydantic error."""
     what, context, found = str(problem["type"]), problem.get("ctx", {}), say(problem["input"])
     *above, last = problem["loc"] or ("",)
     cause = context.get("error")
@@ -190,7 +191,7 @@ def _in_words(kind: type[BaseModel], problem: dict[str, Any], known: Iterable[st
 
 
 def _table_at(kind: type[BaseModel], above: tuple[int | str, ...]) -> type[BaseModel] | None:
-    """The model at a place below another."""
+    """The model at a path below another model."""
     if not above:
         return kind
     field = _field_at(kind, above)
@@ -199,7 +200,7 @@ def _table_at(kind: type[BaseModel], above: tuple[int | str, ...]) -> type[BaseM
 
 
 def _field_at(kind: type[BaseModel], loc: tuple[int | str, ...]) -> FieldInfo | None:
-    """The field of the innermost model that a place leads through."""
+    """The field of the innermost model on a path."""
     names = [part for part in loc if isinstance(part, str)]
     field = None
     table: type[BaseModel] | None = kind
@@ -223,7 +224,7 @@ def _inside(hint: Any) -> Iterator[Any]:
 
 
 def _bounds_at(kind: type[BaseModel], loc: tuple[int | str, ...]) -> dict[str, Any]:
-    """What is asked of the value at a place, or of the items of the list in which it stands."""
+    """Constraints on a field, or on the items of its list if the path ends in an index."""
     field = _field_at(kind, loc)
     if field is None:
         return {}
@@ -252,22 +253,22 @@ def between(low: float, high: float) -> str:
     return f"{low:.6g} to {high:.6g}"
 
 
-# Dataclasses of the numeric rooms as tables of a file.
+# Dataclasses of the numeric packages as tables of a file.
 
 
-# Types that are made while the program runs, which a type checker cannot follow.
+# Types created at run time, which a type checker cannot follow.
 _TUPLE: Any = tuple
 _ANNOTATED: Any = Annotated
 
 
 class DataclassTables:
-    """Dataclasses filled from tables, whose fields are numbers, texts, tuples of them, and dataclasses.
+    """Dataclasses filled from tables; fields are numbers, texts, tuples of them, and dataclasses.
 
-    Behind each stands a model with the same fields, every one of them optional: a base may have what is not given.
+    Each has a pydantic model with the same fields, all optional, because a base may supply missing values.
 
     Args:
-        limits: of each dataclass's numbers; where there are none a number need only be finite.
-        rising: fields that are, or are lists of, [from, to].
+        limits: ranges of each dataclass's numbers; numbers without a range need only be finite.
+        rising: names of fields that are, or are lists of, [from, to].
     """
 
     def __init__(self, limits: Mapping[type, Limits], rising: frozenset[str] = frozenset()) -> None:
@@ -284,15 +285,16 @@ class DataclassTables:
         elsewhere: Iterable[str] = (),
         withheld: Mapping[str, str] | None = None,
     ) -> Config:
-        """A dataclass from a table.
+        """Fill a dataclass from a table.
 
         Args:
-            kind: of the dataclass.
-            place: of the table.
-            table: as TOML gives it. An angle whose field ends in ``_rad`` may be given in degrees, ending in ``_deg``.
-            base: what the keys that are not there keep; None: the dataclass's defaults.
-            elsewhere: keys of this table that are not the dataclass's and are read by the caller.
-            withheld: fields that the file does not set here, and where they come from.
+            kind: class of the dataclass.
+            place: file and path of the table.
+            table: table parsed from TOML. An angle whose field ends in ``_rad`` may be given in degrees, ending in
+                ``_deg``.
+            base: values of missing keys; ``None``: the dataclass's defaults.
+            elsewhere: other keys of this table, which the caller reads.
+            withheld: fields that the file must not set here, with their actual source.
 
         Raises:
             InputError: as for ``fill_table``.

@@ -35,7 +35,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
 
 
 def make_folder(folder: Path) -> None:
-    """A folder for results, where there is none yet. Raises ``InputError`` where it cannot be made."""
+    """Create a folder for results if it is missing. Raises ``InputError`` if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

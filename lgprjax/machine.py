@@ -29,7 +29,7 @@ def keep_programs(folder: Path) -> None:
 
 
 class CompileClock:
-    """How long this process has compiled, so that a time can be told without: one clock, which begins when it is made.
+    """Compilation time of this process since the clock's construction, so that timings can exclude compilation.
 
     JAX reports a step when it has ended; steps within others count once.
     """

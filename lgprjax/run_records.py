@@ -28,7 +28,7 @@ class RecordKind(IntEnum):
     in which they were used.
     """
     PORT_OUT = 3
-    """A frame as it was sent."""
+    """A sent frame."""
     REFUSED = 4
     """Bytes received over a line and refused: u8 reason, then the bytes."""
     TICK = 5
@@ -48,7 +48,7 @@ class RecordKind(IntEnum):
     PLAN = 12
     """``PLAN``: decision of a tick."""
     COVER = 13
-    """``COVER``: ten times a second, pose of a skid-steer vehicle and state of its tool."""
+    """``COVER``: ten times per second, pose of a skid-steer vehicle and state of its tool."""
     SKID_PLAN = 14
     """``SKID_PLAN``: decision of a skid-steer vehicle's tick."""
     WORKED = 15
@@ -56,7 +56,7 @@ class RecordKind(IntEnum):
     CORNER = 16
     """JSON: a corner of a field that the operator marked."""
     POSE = 17
-    """``POSE``: the corrected position as it is given to others; not recorded."""
+    """``POSE``: the corrected position for output; not recorded."""
     SEARCHED = 18
     """``SEARCHED``: what the search of a scan was given."""
 
@@ -121,7 +121,7 @@ _P_FALSE_BYTES = FIX["p_false"].itemsize
 
 
 LONGEST_COVER_STEP_NS = 150_000_000
-"""Rows ``COVER`` come each tenth of a second. Where one is missing nobody knows whether the tool worked."""
+"""Rows ``COVER`` come each tenth of a second. If one is missing, the operation of the tool is unknown."""
 
 
 class ToolBits(IntFlag):

@@ -31,11 +31,11 @@ class Message(NamedTuple):
     Attributes:
         type: number in the header.
         sender: ``host`` or ``device``.
-        line: its line.
+        line: line of the message.
         numbers: fields in their order.
-        layout: of the numbers.
-        bulk: name of the bytes after them, ``""`` if there are none.
-        axes: numbers whose product is the length of ``bulk``.
+        layout: binary layout of the numbers.
+        bulk: name of the bytes after them, ``""`` without any.
+        axes: fields whose product is the length of ``bulk``.
     """
 
     type: int
@@ -82,7 +82,7 @@ KEPT = 64
 
 
 class RefusalReason(IntEnum):
-    """Why bytes are no message. ``FrameVerdict`` goes on from 32: why a whole frame is refused."""
+    """Reasons why bytes are not a message. ``FrameVerdict`` continues from 32 with reasons to refuse a whole frame."""
 
     NO_SYNC = 1
     """No message begins here."""
@@ -101,10 +101,10 @@ class RefusalReason(IntEnum):
 
 
 class RefusedBytes(NamedTuple):
-    """What was refused.
+    """Refused bytes.
 
     Attributes:
-        reason: a ``RefusalReason``, or a ``FrameVerdict``.
+        reason: ``RefusalReason`` or ``FrameVerdict``.
         data: the first ``KEPT`` bytes.
     """
 
@@ -121,10 +121,10 @@ class Frame(NamedTuple):
     """A complete frame with a valid CRC.
 
     Attributes:
-        name: of the message.
-        mode, flags, session, sequence, stamp_us, ttl_ms: the header's.
-        fields: of the payload.
-        raw: the frame as received.
+        name: name of the message.
+        mode, flags, session, sequence, stamp_us, ttl_ms: fields of the header.
+        fields: fields of the payload.
+        raw: received bytes of the frame.
     """
 
     name: str
@@ -301,8 +301,8 @@ class LeastDelay:
     It falls at once and rises no faster than clocks drift, so that a growing delay of the line is visible.
 
     Args:
-        difference_ns: arrival minus stamp of the first message.
-        now_ns: its arrival.
+        difference_ns: arrival minus stamp of the first message, ns.
+        now_ns: arrival of the first message, ns.
     """
 
     def __init__(self, difference_ns: int, now_ns: int) -> None:
@@ -326,7 +326,7 @@ _U32 = 1 << 32
 
 
 class FrameVerdict(IntEnum):
-    """Verdict on a frame; all except ``ACCEPTED`` say why it is refused."""
+    """Verdict on a frame; all except ``ACCEPTED`` are reasons of refusal."""
 
     ACCEPTED = 0
     WRONG_LINE = 32
@@ -354,18 +354,18 @@ class _Ahead(NamedTuple):
 
 
 class Receiver:
-    """Judges the frames of one line by ``data_schema/wire.toml``. Time is passed in, so that a replay gives the same
-    verdicts.
+    """Accepts or refuses the frames of one line by ``data_schema/wire.toml``. Time is an argument, so that a replay
+    gives the same verdicts.
 
     Args:
-        line: its name.
+        line: name of the line.
         sender: expected sending end.
 
     Attributes:
-        counts: frames by verdict.
-        missed: missing sequence numbers.
-        session: of the sender; 0 before the first frame.
-        last_accepted_ns: arrival of the last accepted frame.
+        counts: number of frames by verdict.
+        missed: number of missing sequence numbers.
+        session: session of the sender; 0 before the first frame.
+        last_accepted_ns: arrival of the last accepted frame, ns.
     """
 
     def __init__(self, line: str, sender: str = "device") -> None:
@@ -451,7 +451,7 @@ class Sender:
     """Numbers and stamps the frames of this end.
 
     Args:
-        session: of this start of the program, ``draw_session``.
+        session: session number of this start of the program, from ``draw_session``.
     """
 
     def __init__(self, session: int) -> None:
@@ -459,10 +459,10 @@ class Sender:
         self._sequence = 0
 
     def frame(self, name: str, fields: Mapping[str, Value], *, mode: int, mono_ns: int, ttl_ms: int = 0) -> bytes:
-        """The next frame; ``mono_ns`` is this computer's monotonic clock now.
+        """The next frame; ``mono_ns`` is the present time of this computer's monotonic clock.
 
         Raises:
-            ValueError: by ``wire.encode``; no number is used up.
+            ValueError: by ``wire.encode``, without using up a sequence number.
         """
         stamp_us = mono_ns // 1000
         raw = encode(

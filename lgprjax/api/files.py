@@ -35,7 +35,7 @@ class Checked:
 
     @property
     def ok(self) -> bool:
-        """Whether the file is usable: no finding is an error."""
+        """Whether the file is usable, without a finding of severity ``error``."""
         return not any(finding.severity == "error" for finding in self.findings)
 
     @cached_property
@@ -140,14 +140,14 @@ def view(
     middle = len(line.radargrams) // 2
     radargram = line.radargrams[middle]
     axes = draw_radargram(radargram, axes_or_new(ax), wave_speed_m_per_ns=line.wave_speed_m_per_ns)
-    # Of several channels, which its title need not tell apart, only one is drawn here.
+    # Of several channels only one is drawn, and its title may not name it.
     shown = f"; channel {middle} of 0 to {len(line.radargrams) - 1}" if len(line.radargrams) > 1 else ""
     axes.set_title(line.title + shown)
     return axes
 
 
 def line_view(path: Path, channel: int | None, *, raw: bool, velocity_m_per_ns: float | None) -> "LineView":
-    """The radargram of a recording, for ``view`` and ``zoom``: of a drive log the middle channel if none is asked for.
+    """The radargram of a recording, for ``view`` and ``zoom``; ``channel`` ``None``: a drive log's middle channel.
 
     Raises:
         InputError: as for ``view``.

@@ -32,10 +32,10 @@ class Fixes:
     """Fixes of a drive on a map, one per scan.
 
     Attributes:
-        name: of the drive.
-        map_name: of the map.
+        name: name of the drive.
+        map_name: name of the map.
         table: DataFrame with the columns of ``X.fixes.csv``, a row per scan (data_schema/fixes.toml).
-        fix: the same as arrays [scan, ...]; poses in metres east and north of the map origin.
+        fix: fixes as arrays [scan, ...]; poses in metres east and north of the map origin.
         truth: true poses [scan, 5] in the same frame, NaN if unknown; None if the log has none.
         result: data for pictures: priors, distance and sigmas per scan.
     """
@@ -108,7 +108,7 @@ class Fixes:
         drive, map_path, log_path, options, sha256 = self._saved_with
         target = path_of(folder, "folder")
         with told_as_arguments():
-            # What is written names both files and takes the map's anchor: another file's would be untrue.
+            # The outputs name both files and use the map's anchor, so the files must be unchanged.
             for path, then in zip((map_path, log_path), sha256, strict=True):
                 if file_hash(path) != then:
                     raise InputError(path, "file", "the same file as at registration", "a changed file")
@@ -127,7 +127,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
     Args:
         site: open map, or its path. An open map caches the ground for the next drive.
         drive: a drive log or an open drive.
-        options: of the search.
+        options: options of the search.
 
     Returns:
         Fixes: ``table`` is a DataFrame, ``plot()`` returns axes, ``save(folder)`` writes the files of the command line.
@@ -214,7 +214,7 @@ def register_many(
         site: a map, open or its path.
         drives: drive logs or open drives with different names.
         folder: folder for the results; created if missing.
-        options: of the search.
+        options: options of the search.
         workers: number of processes on this machine; default: 1.
         threads: threads per process; default: an equal share of the cores. The same number gives bit-identical fixes.
         scheduler: address of a dask scheduler, ``tcp://HOST:8786``, instead of processes on this machine.

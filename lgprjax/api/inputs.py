@@ -1,4 +1,4 @@
-"""What callers pass in: paths or open objects, and errors told in the words of a call."""
+"""Arguments of callers: paths or open objects, and errors in terms of the call."""
 
 import os
 import re
@@ -22,7 +22,7 @@ class HasPath(Protocol):
 
     @property
     def path(self) -> Path | None:
-        """Where the file is; None while it has not been saved."""
+        """Path of the file; ``None`` while it has not been saved."""
 
 
 PathLike = str | os.PathLike[str] | HasPath
@@ -46,10 +46,10 @@ def path_of(given: PathLike, what: str) -> Path:
 
 
 def paths_of(given: PathLike | Iterable[PathLike], what: str) -> list[Path]:
-    """Paths of several files; a single one is several of one.
+    """Paths of several files; a single path is accepted too.
 
     Raises:
-        InputError: as ``path_of``, or there are none.
+        InputError: as ``path_of``, or there are no files.
     """
     if isinstance(given, str | os.PathLike) or not isinstance(given, Iterable):
         return [path_of(given, what)]
@@ -60,10 +60,10 @@ def paths_of(given: PathLike | Iterable[PathLike], what: str) -> list[Path]:
 
 
 def require_number(name: str, value: object, expected: str, least: float, most: float) -> None:
-    """Refuse an argument that is no plain number, or is out of its range; both ends belong to it.
+    """Refuse an argument that is not a plain number, or is out of its closed range.
 
     Raises:
-        InputError: it is, and why.
+        InputError: the argument is refused.
     """
     if not is_number(value) or not least <= value <= most:
         raise ArgumentError(name, expected, repr(value)[:60])

@@ -348,7 +348,7 @@ def _prepared(
 
 
 def _require_numbers(name: str, given: ArrayLike, *, zero: bool = False) -> None:
-    """Refuse what is no number or array of numbers above 0, or from 0 on; what is traced cannot be looked at."""
+    """Refuse values that are not numbers, or arrays of numbers, above 0 or from 0 on; traced values are not checked."""
     try:
         values = np.asarray(given)
     except jax.errors.TracerArrayConversionError:

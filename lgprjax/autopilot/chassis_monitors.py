@@ -27,7 +27,7 @@ SLOWEST_MPS = 1.0
 """Below it the gyro's bias is as large as the yaw rate of a bend."""
 SMOOTHED_S = 0.25
 STUCK_S = 0.6
-"""With the smoothing: found within 1 s."""
+"""Time until wheels count as stuck; with the smoothing a fault is found within 1 s."""
 LOST_S = 0.1
 RATE_RADPS = 0.012
 CURVATURE_PER_M = 0.006
@@ -61,12 +61,12 @@ def step_chassis_watch(
 
     Args:
         belief: steering geometry.
-        state: of the last tick.
-        front_rad: of the wheels as measured; not judged without one, which is a finding of its own.
-        yaw_rate_radps: by the gyro, counter-clockwise.
-        speed_mps: signed.
-        speed_trusted: nothing is wrong with the odometer.
-        step_s: since the last tick.
+        state: state of the last tick.
+        front_rad: measured angle of the front wheels; without one nothing is judged, which is a separate finding.
+        yaw_rate_radps: yaw rate by the gyro, counter-clockwise.
+        speed_mps: signed speed.
+        speed_trusted: whether the odometer is free of faults.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     lost = step_dwell(state.lost, not math.isfinite(yaw_rate_radps), step_s, on_s=LOST_S)
@@ -148,9 +148,9 @@ class PedalWatchState(NamedTuple):
 
     Attributes:
         throttles, brakes: commands of the last ticks.
-        throttle, brake: of the model.
-        observer: of the speed.
-        lowest_mps: since the throttle was found stuck.
+        throttle, brake: states of the pedal models.
+        observer: observer of the speed.
+        lowest_mps: lowest speed since the throttle was found stuck.
         open, dead, ahead, unbraked, unread, rises: findings.
     """
 
@@ -189,14 +189,14 @@ def step_pedal_watch(
     """State and findings of a tick; ``throttle.effect_mps2`` of the state is used by the odometer's watch.
 
     Args:
-        belief: both pedals.
-        state: of the last tick.
-        engaged: the box holds the pedals engaged.
-        command: as sent in the last tick.
-        measured: positions; while a person drives they replace the command.
-        speed_mps: signed.
-        speed_trusted: nothing is wrong with the odometer.
-        step_s: since the last tick.
+        belief: model of both pedals.
+        state: state of the last tick.
+        engaged: whether the box holds the pedals engaged.
+        command: command sent in the last tick.
+        measured: measured positions; while a person drives they replace the command.
+        speed_mps: signed speed.
+        speed_trusted: whether the odometer is free of faults.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     unread = step_dwell(
@@ -329,7 +329,7 @@ class WheelAngles(NamedTuple):
 
 
 def init_wheel_sensors(zero_counts: float = math.nan) -> WheelSensorState:
-    """At a start of the box: with the encoder's kept zero, or, usually, an unknown one."""
+    """Initial state at a start of the box, with the encoder's stored zero or, usually, an unknown one."""
     return WheelSensorState(zero_counts=zero_counts)
 
 
@@ -339,10 +339,10 @@ def step_wheel_sensors(
     """State, angles and findings of a tick.
 
     Args:
-        belief: the steering.
-        state: of the last tick.
-        potentiometer_v, encoder_counts: of the box's newest status.
-        step_s: since the last tick.
+        belief: calibrated steering.
+        state: state of the last tick.
+        potentiometer_v, encoder_counts: readings in the box's newest status.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     front = front_angle(belief, potentiometer_v)
@@ -412,10 +412,10 @@ class ServoWatchState(NamedTuple):
     Attributes:
         time_s: sum of the ticks.
         engaged_s: time for which the servo has been engaged.
-        sent: commands that act or will, oldest first.
-        motor_rad, wheel_rad: of the model.
-        wheels: last ticks' angles, oldest first.
-        stalled_rad: wheels where they last moved behind the model; NaN while they follow.
+        sent: commands that act or will act, oldest first.
+        motor_rad, wheel_rad: motor and wheel angle of the model.
+        wheels: angles of the last ticks, oldest first.
+        stalled_rad: wheel angle at the last motion behind the model; NaN while the wheels follow.
         weak, stalled, lost, supply, away: findings.
     """
 
@@ -446,13 +446,13 @@ def step_servo_watch(
     """State and findings of a tick.
 
     Args:
-        belief: the servo.
-        state: of the last tick.
-        wheels: as measured now.
-        supply_v: of the servo.
-        engaged: the box holds the steering engaged.
-        command_rad: as sent in the last tick.
-        step_s: since the last tick.
+        belief: calibrated steering with its servo.
+        state: state of the last tick.
+        wheels: measured angles of this tick.
+        supply_v: supply voltage of the servo.
+        engaged: whether the box holds the steering engaged.
+        command_rad: command sent in the last tick.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     time_s = state.time_s + step_s

@@ -18,10 +18,11 @@ FENCE_SLOTS = (32, 128, 512, 4096)
 def pad_fence(*rings_m: Float[np.ndarray, "_ 2"]) -> Float[Array, "side 2 2"]:
     """Sides (start, end) of one or more rings, padded for the step with sides of no length.
 
-    What lies within an odd number of rings is inside: a ring within another one is a keep-out.
+    Places within an odd number of rings are inside: a ring within another one is a keep-out.
 
     Raises:
-        InputError: a ring of fewer than three corners, too many sides, non-finite numbers, or sides that cross.
+        InputError: a ring has fewer than three corners, there are too many sides, numbers are not finite, or sides
+            cross.
     """
     sides = []
     for ring in rings_m:
@@ -42,7 +43,7 @@ def pad_fence(*rings_m: Float[np.ndarray, "_ 2"]) -> Float[Array, "side 2 2"]:
 
 
 def fence_of_ground(ground: SafeGround) -> Float[Array, "side 2 2"]:
-    """The padded fence of ground that is declared safe: all of its rings.
+    """The padded fence of safe ground: all of its rings.
 
     Raises:
         InputError: as ``pad_fence``.
@@ -52,9 +53,9 @@ def fence_of_ground(ground: SafeGround) -> Float[Array, "side 2 2"]:
 
 # Whether a stop from here would cross the fence (fault 36), checked in each step.
 #
-# The stop is predicted: along an arc for the reaction time, then braked. At places along it the rectangle that holds
-# vehicle and tool, grown by a margin, must lie within the fence. It does so exactly where no side of it crosses
-# a side of the fence and one corner is inside.
+# The stop is predicted: along an arc for the reaction time, then braked. At places along it the rectangle around
+# vehicle and tool, grown by a margin, must be within the fence. It is within exactly if none of its sides crosses a
+# side of the fence and one corner is inside.
 
 _PLACES = 12
 
@@ -63,9 +64,9 @@ class StopRules(NamedTuple):
     """Model of a stop; float32 scalars.
 
     Attributes:
-        reaction_s: time until it begins to slow down: age of the pose, tick, delay and lag of the wheels.
-        stop_mps2: deceleration of the faster wheel then.
-        margin_m: to the fence, in addition to the pose's uncertainty.
+        reaction_s: time until the vehicle begins to slow down: age of the pose, tick, delay and lag of the wheels.
+        stop_mps2: deceleration of the faster wheel after that.
+        margin_m: margin to the fence, in addition to the pose's uncertainty.
         sigmas: number of sigmas of the position taken as uncertainty.
     """
 
@@ -89,19 +90,19 @@ def edge_ahead(
     sigma_m: Float[Array, ""],
     sigma_yaw_rad: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Whether vehicle or tool would cross the fence before the vehicle stands, if it were stopped now.
+    """Whether vehicle or tool would cross the fence in a stop from now.
 
     Also true if they are beyond the fence already, or if anything is not finite. Unbatched.
 
     Args:
-        rules: of the stop.
-        fence: from ``pad_fence``.
-        outline: of vehicle and tool.
-        track_m: effective.
-        pose: of the reference point.
-        wheels: as commanded or as measured: their arc is held to the end.
-        sigma_m: of the position.
-        sigma_yaw_rad: of the heading.
+        rules: model of the stop.
+        fence: fence from ``pad_fence``.
+        outline: outline of vehicle and tool.
+        track_m: effective track width.
+        pose: pose of the reference point.
+        wheels: commanded or measured wheel speeds, whose arc is kept to the end.
+        sigma_m: standard deviation of the position.
+        sigma_yaw_rad: standard deviation of the heading.
     """
     fastest = jnp.maximum(jnp.abs(wheels.left_mps), jnp.abs(wheels.right_mps))
     # At constant initial speed the braking distance takes half of its time.
@@ -119,7 +120,7 @@ def edge_ahead(
     corners = jnp.stack(
         [reached.x_m[:, None] + cos * ahead - sin * aside, reached.y_m[:, None] + sin * ahead + cos * aside], axis=-1
     )
-    # A keep-out smaller than the vehicle may lie within its rectangle and cross none of its sides.
+    # A keep-out smaller than the vehicle may be within its rectangle and cross none of its sides.
     away = fence[None, :, 0] - jnp.stack([reached.x_m, reached.y_m], axis=-1)[:, None]
     along, left_of = cos * away[..., 0] + sin * away[..., 1], cos * away[..., 1] - sin * away[..., 0]
     over = jnp.any((along <= front) & (along >= rear) & (left_of <= left) & (left_of >= right), axis=1)
@@ -128,7 +129,7 @@ def edge_ahead(
 
 
 def _inside(fence: Float[Array, "side 2 2"], points: Float[Array, "place 2"]) -> Bool[Array, " place"]:
-    """By the even-odd rule; sides of no length do not count."""
+    """Mask of points inside the fence by the even-odd rule; sides of no length do not count."""
     x, y = points[:, :1], points[:, 1:]
     start, end = fence[None, :, 0], fence[None, :, 1]
     spans = (start[..., 1] > y) != (end[..., 1] > y)

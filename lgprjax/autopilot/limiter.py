@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 
 class Limited(IntFlag):
-    """What was done to a command."""
+    """Changes that the limiter made to a command."""
 
     FRONT_RANGE = 1
     FRONT_RATE = 2
@@ -52,12 +52,12 @@ class LimiterRules(NamedTuple):
     """Rules of the limiter, float32 scalars or one value per batch element.
 
     Attributes:
-        largest_front_rad: to either side.
-        front_rate_radps: fastest turning of the front wheels.
-        throttle_rate_per_s, brake_rate_per_s: fastest pressing.
-        oldest_s: age of the pose behind a command at which it is still good.
-        default_brake: brake when commands fail.
-        release_rate_radps: rate at which the wheels return to straight then.
+        largest_front_rad: largest front angle, to either side.
+        front_rate_radps: largest rate of the front wheels.
+        throttle_rate_per_s, brake_rate_per_s: largest rates of pressing the pedals.
+        oldest_s: largest age of a command's pose.
+        default_brake: brake if commands fail.
+        release_rate_radps: rate at which the wheels return to straight if commands fail.
     """
 
     largest_front_rad: Float[Array, "..."]
@@ -70,7 +70,7 @@ class LimiterRules(NamedTuple):
 
 
 class SkidLimited(IntFlag):
-    """What was done to a command."""
+    """Changes that the limiter made to a command."""
 
     LEFT_RANGE = 1
     LEFT_RATE = 2
@@ -88,8 +88,8 @@ class SkidCommand(NamedTuple):
 
     Attributes:
         left_mps, right_mps: wheel speeds, negative backward.
-        tool: 1 turns it on, 0 off.
-        depth_m: of the tool below the ground.
+        tool: 1 tool on, 0 off.
+        depth_m: depth of the tool below the ground.
     """
 
     left_mps: Float[Array, "..."]
@@ -102,11 +102,11 @@ class SkidLimiterRules(NamedTuple):
     """Rules of the limiter, float32 scalars or one value per batch element.
 
     Attributes:
-        largest_wheel_mps: of either side, forward and backward.
-        wheel_rate_mps2: fastest change of a side.
-        deepest_m: of the tool; it is never commanded above the ground.
-        oldest_s: age of the pose behind a command at which it is still good.
-        release_rate_mps2: deceleration of the faster wheel when commands fail.
+        largest_wheel_mps: largest speed of either side, forward and backward.
+        wheel_rate_mps2: largest change of a side's speed.
+        deepest_m: largest depth of the tool; it is never commanded above the ground.
+        oldest_s: largest age of a command's pose.
+        release_rate_mps2: deceleration of the faster wheel if commands fail.
     """
 
     largest_wheel_mps: Float[Array, "..."]
@@ -134,7 +134,7 @@ class LimiterState(NamedTuple):
 
 
 class SkidLimiterState(NamedTuple):
-    """The same of a skid-steer vehicle.
+    """The same for a skid-steer vehicle.
 
     Attributes:
         last: last command sent.
@@ -170,14 +170,14 @@ def limit_command(
     age_s: Float[Array, "..."],
     step_s: Float[Array, "..."],
 ) -> tuple[LimiterState, Command, Int32[Array, "..."]]:
-    """State, the command to send, and what was done to it as bits of ``Limited``.
+    """State, the command to send, and changes to it as bits of ``Limited``.
 
     Args:
-        rules: the limits.
-        state: of the last step.
-        command: as wanted.
-        age_s: of the pose that it was made of; a negative age is one of a broken clock, and too old.
-        step_s: since the last command sent; one that is not positive, or no number, allows no change.
+        rules: limits.
+        state: state of the last step.
+        command: wanted command.
+        age_s: age of the command's pose; a negative age (of a broken clock) counts as too old.
+        step_s: time since the last command sent; if it is not positive or NaN, no change is allowed.
     """
     last, judged = state.last, _judge(state, command, age_s, rules.oldest_s, step_s)
     step = judged.step_s
@@ -229,14 +229,14 @@ def limit_skid_command(
     age_s: Float[Array, "..."],
     step_s: Float[Array, "..."],
 ) -> tuple[SkidLimiterState, SkidCommand, Int32[Array, "..."]]:
-    """State, the command to send, and what was done to it as bits of ``SkidLimited``.
+    """State, the command to send, and changes to it as bits of ``SkidLimited``.
 
     Args:
-        rules: the limits.
-        state: of the last step.
-        command: as wanted.
-        age_s: of the pose that it was made of; a negative age is one of a broken clock, and too old.
-        step_s: since the last command sent; one that is not positive, or no number, allows no change of the wheels.
+        rules: limits.
+        state: state of the last step.
+        command: wanted command.
+        age_s: age of the command's pose; a negative age (of a broken clock) counts as too old.
+        step_s: time since the last command sent; if it is not positive or NaN, no change of the wheels is allowed.
     """
     last, judged = state.last, _judge(state, command, age_s, rules.oldest_s, step_s)
     step = judged.step_s

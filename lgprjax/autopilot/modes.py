@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 
 class Mode(IntEnum):
-    """Who drives what. Only in STEERING and SPEED is an actuator engaged."""
+    """Modes of driving. An actuator is engaged only in STEERING and SPEED."""
 
     BOOT = 0
     CHECKS = 1
@@ -38,7 +38,7 @@ class Event(Enum):
 
     ``BRAKE_TAPPED`` is the brake being pressed, ``BRAKE_HELD`` its remaining pressed, ``ERROR_CLEARED`` the end of the
     last error raised. ``OVERRIDE_ASSUMED`` is the override button being unreadable, by its contacts or a silent
-    controller: nobody pressed it. ``ROUTE_NEAR`` is within 10 m of the chosen path, at a unique place and aligned with
+    controller, without a press. ``ROUTE_NEAR`` is within 10 m of the chosen path, at a unique place and aligned with
     it.
     """
 
@@ -238,25 +238,26 @@ class ModeState(NamedTuple):
     """State of the mode machine.
 
     Attributes:
-        mode: as driven.
+        mode: present mode.
         time_s: latest time received.
-        booted: the computer has started.
-        checks_passed: the last run of the system checks passed.
-        failed_check: the failed one; NONE otherwise.
+        booted: whether the computer has started.
+        checks_passed: whether the last run of the system checks passed.
+        failed_check: failed check; NONE otherwise.
         faults: faults that prevent leaving ERROR.
-        place: relative to the route, from the planner.
-        motion: of the vehicle.
-        sources_present: the sources that navigation needs to engage are present.
-        health_good: navigation does not request a stop.
+        place: position relative to the route, from the planner.
+        motion: motion of the vehicle.
+        sources_present: whether the sources that navigation needs to engage are present.
+        health_good: whether navigation requests no stop.
         brake_pressed, override_pressed, estop_pressed: operator inputs.
         override_since_s: time at which the override button was pressed, or assumed to be.
-        override_stuck: held for too long, since before the end of the boot, or assumed; until released.
-        registration_dead: driving continues without it, on GNSS and INS.
+        override_stuck: whether the button was held for too long, since before the end of the boot, or assumed; until
+            released.
+        registration_dead: whether registration has failed; driving continues on GNSS and INS.
         failures: deaths of supervised processes in the last minute, each by its event and its time.
-        stopping: a controlled stop runs; it ends standing, in MANUAL.
-        inhibit: why the last press of a button did not engage; NONE if it did.
-        speed_control: the vehicle has throttle and brake for the autopilot. Without them SPEED is never engaged, and
-            what would be a controlled stop hands over at once.
+        stopping: whether a controlled stop runs; it ends at standstill, in MANUAL.
+        inhibit: reason why the last press of a button did not engage; NONE if it did.
+        speed_control: whether the autopilot has throttle and brake. Without them SPEED is never engaged, and a handover
+            replaces controlled stops.
     """
 
     mode: Mode = Mode.BOOT
@@ -282,7 +283,7 @@ class ModeState(NamedTuple):
 
 
 def operator_drives(state: ModeState) -> bool:
-    """Whether no actuator is engaged."""
+    """Whether all actuators are released."""
     return state.mode not in ENGAGED
 
 
@@ -414,7 +415,7 @@ def _notice_stuck(state: ModeState) -> Step:
 
 
 def _hand_over(state: ModeState) -> Step:
-    """To the operator, if anything is engaged."""
+    """Hand over to the operator, if anything is engaged."""
     if operator_drives(state):
         return state, ()
     return state._replace(mode=Mode.MANUAL, stopping=False), (Action.RELEASE_ACTUATORS, Action.WARN)
@@ -427,8 +428,8 @@ def _hold_override(state: ModeState) -> ModeState:
 
 def _override_assumed(state: ModeState) -> Step:
     """Gives the vehicle back and acknowledges nothing: an error stays, power that is cut stays cut."""
-    # On the way to READY no press is awaited: a controller that is heard late goes on there. From elsewhere the end of
-    # the silence must not arm either.
+    # On the way to READY no press is awaited: a controller that connects late continues there. In other modes the end
+    # of the silence must not arm either.
     underway = state.mode in (Mode.BOOT, Mode.CHECKS, Mode.READY)
     keeps = state.mode in (Mode.ERROR, Mode.EMERGENCY_STOP)
     state = _hold_override(state)._replace(
@@ -477,7 +478,7 @@ def _checks_passed(state: ModeState) -> Step:
 
 
 def _fail(state: ModeState, fault: Fault, more: tuple[Action, ...] = ()) -> Step:
-    """To ERROR; the emergency stop is unchanged."""
+    """Change to ERROR; an emergency stop is unchanged."""
     mode = state.mode if state.mode is Mode.EMERGENCY_STOP else Mode.ERROR
     state = state._replace(mode=mode, faults=state.faults | fault, stopping=False)
     return state, (Action.RELEASE_ACTUATORS, Action.LIGHT_BUTTON, Action.WARN, *more)

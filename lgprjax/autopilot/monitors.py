@@ -130,7 +130,7 @@ TEXT = {
     Watch.HEADING_CONTRADICTED: "heading contradicts the direction of travel: reversed?",
     Watch.ABOVE_LIMIT: "driven faster than the speed limit for 5 s",
 }
-"""Each finding in plain words."""
+"""Text of each finding."""
 
 _NOTHING = Watch(0)
 
@@ -160,7 +160,7 @@ def describe(bits: Watch) -> list[str]:
 
 NOMINAL_STEP_S = 0.02
 LONGEST_STEP_S = 0.04
-"""Largest time counted for one tick: a reading after a pause proves no more than any other."""
+"""Largest time counted for one tick, because a reading after a pause has no extra weight."""
 
 
 class Dwell(NamedTuple):
@@ -181,7 +181,7 @@ def counted_step_s(step_s: float) -> float:
 
 
 def step_dwell(dwell: Dwell, holds: bool, step_s: float, *, on_s: float, off_s: float = 1.0) -> Dwell:
-    """On after its condition held for ``on_s``, off after it has not for ``off_s``; a tick counts with ``step_s``."""
+    """Dwell that turns on after its condition held for ``on_s``, and off after it did not hold for ``off_s``."""
     if holds == dwell.on:
         return dwell if dwell.seconds == 0.0 else Dwell(0.0, dwell.on)
     seconds = dwell.seconds + step_s
@@ -212,9 +212,7 @@ _EVENTS = {motion: event for event, motion in MOTIONS.items()}
 
 
 class MotionState(NamedTuple):
-    """What is carried from tick to tick: the last reported motion, the smoothed speed, and the time for which it was
-    unknown.
-    """
+    """State between ticks: the last reported motion, the smoothed speed, and the time for which it was unknown."""
 
     motion: MeasuredSpeed = MeasuredSpeed.UNKNOWN
     speed_mps: float = 0.0
@@ -229,10 +227,10 @@ def step_motion(
     A speed that is NaN for ``UNKNOWN_S`` counts as too fast to engage.
 
     Args:
-        state: of the last tick.
-        speed_mps: signed.
-        fastest_engage_mps: above which engaging is inhibited.
-        step_s: since the last tick.
+        state: state of the last tick.
+        speed_mps: signed speed.
+        fastest_engage_mps: speed above which engaging is inhibited.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     if math.isfinite(speed_mps):
@@ -260,7 +258,7 @@ BACK_S = 1.0
 
 
 class PathWatchState(NamedTuple):
-    """What is carried from tick to tick: the vehicle has been on the path since it was engaged; findings."""
+    """State between ticks: whether the vehicle has been on the path since it was engaged, and findings."""
 
     arrived: bool = False
     off: Dwell = Dwell()
@@ -272,14 +270,13 @@ def step_path_watch(
 ) -> tuple[PathWatchState, Watch]:
     """State and findings of a tick.
 
-    From engaging until the vehicle is first within a foot of the path it is approaching it, and only a NaN offset is a
-    finding.
+    From engaging until the vehicle is first within a foot of the path, only a NaN offset is a finding.
 
     Args:
-        state: of the last tick.
-        engaged: the autopilot steers.
+        state: state of the last tick.
+        engaged: whether the autopilot steers.
         cross_track_m: offset from the path.
-        step_s: since the last tick.
+        step_s: time since the last tick.
     """
     if not engaged:
         return PathWatchState(), Watch(0)
@@ -295,7 +292,7 @@ def step_path_watch(
 # Speed above the limit where the operator has the pedals: the autopilot cannot slow the vehicle down.
 
 LIMIT_MARGIN_MPS = 0.3
-"""What a foot holds a speed to."""
+"""Tolerance with which a foot holds a speed."""
 ABOVE_S = 5.0
 """Time to read the limit, and to slow down to it from 10 mph to 2 m/s at 0.7 m/s²."""
 
@@ -306,11 +303,11 @@ def step_limit_watch(
     """State and findings of a tick; a speed or limit that is NaN is no finding here.
 
     Args:
-        above: of the last tick.
-        engaged: the autopilot steers.
-        speed_mps: signed.
+        above: state of the last tick.
+        engaged: whether the autopilot steers.
+        speed_mps: signed speed.
         limit_mps: fastest speed that route and navigation allow; may be infinite.
-        step_s: since the last tick.
+        step_s: time since the last tick.
     """
     if not engaged:
         return Dwell(), Watch(0)
@@ -338,8 +335,8 @@ class WheelBelief(NamedTuple):
 
     Attributes:
         angle_of_volts: front angle, rad, over potentiometer volts.
-        encoder_counts_per_rad: of the servo's encoder.
-        largest_rad: to either side.
+        encoder_counts_per_rad: counts of the servo's encoder per radian.
+        largest_rad: largest angle to either side.
         lag_s, rate_radps, delay_s, dead_band_rad, backlash_rad, nominal_v, stall_v: as in ``vehicle.Servo``.
     """
 
@@ -456,9 +453,7 @@ _FAULTS = int(BoxState.SERVO_FAULT | BoxState.THROTTLE_FAULT | BoxState.BRAKE_FA
 
 
 class LineWatchState(NamedTuple):
-    """What is carried from tick to tick: time for which the box has not engaged as commanded, and has reported a
-    fault.
-    """
+    """State between ticks: time for which the box has not engaged as commanded, and has reported a fault."""
 
     let_go: Dwell = Dwell()
     fault: Dwell = Dwell()
@@ -476,11 +471,11 @@ def step_line_watch(
     """State and findings of a tick.
 
     Args:
-        state: of the last tick.
-        status_age_s: since the newest accepted status; infinite before the first.
+        state: state of the last tick.
+        status_age_s: time since the newest accepted status; infinite before the first.
         box_state, box_engaged: ``state`` and ``engaged`` of that status.
-        commanded_engaged: steering and pedals bits of ``engage`` as sent in the last tick.
-        step_s: since the last tick.
+        commanded_engaged: steering and pedals bits of ``engage`` sent in the last tick.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     lets_go = commanded_engaged != 0 and (box_state & BoxState.DEFAULTS != 0 or commanded_engaged & ~box_engaged != 0)

@@ -1,8 +1,8 @@
 """The operator's hands and feet: buttons, contacts, brake and torque as events of the mode machine. Faults 32 to 34.
 
-Overrides act on the first status; engaging and releasing need two in a row. A button that was down when the watch began
-does not count as pressed. Anything unreadable gives the vehicle back as the override does, and acknowledges nothing: an
-event of its own tells it from a press.
+Overrides act on the first status; engaging and releasing need two in a row. A button that was down at the start of the
+watch does not count as pressed. Anything unreadable hands the vehicle back as the override does, and acknowledges
+nothing: a separate event distinguishes it from a press.
 """
 
 from typing import NamedTuple
@@ -31,25 +31,25 @@ _PRESSES = (
 
 
 class OperatorContact(NamedTuple):
-    """Of the newest status of the box: torque on the steering wheel, N m, and a foot on the brake in any since the
-    last tick."""
+    """Torque on the steering wheel in the box's newest status, N m, and whether a foot was on the brake in any status
+    since the last tick."""
 
     torque_nm: float
     brake_pedal: bool
 
 
 class ButtonState(NamedTuple):
-    """What is carried from tick to tick.
+    """State between ticks.
 
     Attributes:
         last: buttons of the last status.
-        down: buttons that are down, of those that engage.
-        received: the controller has been received.
-        unreceived_s: time since the watch began, until it is received.
-        resting: statuses in a row with the override at rest.
-        override, estop, brake: as reported to the mode machine; ``override`` pressed or assumed to be.
+        down: engaging buttons that are down.
+        received: whether the controller has been received.
+        unreceived_s: time since the watch began, until the controller is received.
+        resting: number of statuses in a row with the override at rest.
+        override, estop, brake: inputs reported to the mode machine; ``override`` is pressed or assumed to be.
         braked_s: time for which the brake has been pressed.
-        freed: ticks in a row with the brake free.
+        freed: number of ticks in a row with the brake free.
         contacts, torque, unread: findings.
     """
 
@@ -81,13 +81,13 @@ def step_buttons(
     """State, events in their order, and findings of a tick.
 
     Args:
-        state: of the last tick.
+        state: state of the last tick.
         statuses: ``buttons`` of every status of the controller that was accepted since the last tick, oldest first.
-        controller_age_s: since the newest one; infinite before the first.
-        hands: as the box tells.
+        controller_age_s: time since the newest status; infinite before the first.
+        hands: contacts reported by the box.
         override_torque_nm: torque that overrides.
-        engaged: the autopilot drives: hands already on the wheel then override.
-        step_s: since the last tick.
+        engaged: whether the autopilot drives, so that hands already on the wheel override.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     events: list[Event] = []

@@ -23,9 +23,9 @@ class MonitoredPosition(NamedTuple):
     """A new position by GNSS.
 
     Attributes:
-        time_s: of validity, on the clock of the ticks.
-        x_m, y_m: in any fixed level frame.
-        sigma_m: per axis, as stated by the receiver.
+        time_s: time of validity, on the clock of the ticks.
+        x_m, y_m: position in any fixed level frame.
+        sigma_m: standard deviation per axis stated by the receiver.
     """
 
     time_s: float
@@ -43,13 +43,13 @@ class Wheeled(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """From one position to the next.
+    """Motion between two positions.
 
     Attributes:
-        time_s: at its end.
+        time_s: time of its end.
         forward_m: travel along the heading by GNSS.
         travel_m: travel by odometer.
-        sigma_m: of either position, the larger.
+        sigma_m: larger standard deviation of the two positions.
     """
 
     time_s: float
@@ -128,15 +128,15 @@ class HeadingCheck(Enum):
 
 
 class HeadingWatchState(NamedTuple):
-    """What is carried from tick to tick.
+    """State between ticks.
 
     Attributes:
         check: present status.
-        history: odometer and heading of the last while.
+        history: recent odometer and heading.
         start: start of the course.
         last: newest position.
-        farthest_m: largest distance from there by odometer; turning back restarts.
-        time_s: of the newest tick.
+        farthest_m: largest distance from the start by odometer; turning back restarts.
+        time_s: time of the newest tick.
     """
 
     check: HeadingCheck = HeadingCheck.UNCONFIRMED
@@ -158,16 +158,16 @@ def step_heading_watch(
 ) -> tuple[HeadingWatchState, Watch]:
     """State and findings of a tick.
 
-    A heading that was confirmed stays so until the watch is begun anew, as required when the INS restarts; a sign that
+    A confirmed heading stays confirmed until the watch is restarted, as required when the INS restarts; a sign that
     changes later is attributed to the odometer.
 
     Args:
-        state: of the last tick.
-        time_s: of this tick; positions hold for times on the same clock.
-        odometer_m: signed.
-        heading_rad: counter-clockwise from x.
-        position: a new one by GNSS; None where none came.
-        fix_heading_rad: of a new LGPR fix with code ``ok``; None where none came.
+        state: state of the last tick.
+        time_s: time of this tick; positions hold for times on the same clock.
+        odometer_m: signed distance.
+        heading_rad: heading counter-clockwise from x.
+        position: new GNSS position; ``None`` without one.
+        fix_heading_rad: heading of a new LGPR fix with code ``ok``; ``None`` without one.
     """
     if state.check is HeadingCheck.CONFIRMED:
         return state, Watch(0)
@@ -254,15 +254,15 @@ _NOTHING = Watch(0)
 
 
 class OdometerWatchState(NamedTuple):
-    """What is carried from tick to tick.
+    """State between ticks.
 
     Attributes:
-        history: odometer and heading of the last while.
-        speeds_mps: of the last ticks, oldest first.
-        last: the newest position.
-        legs: of the window.
-        verdict: of the newest window.
-        time_s: of the newest tick, never decreasing.
+        history: recent odometer and heading.
+        speeds_mps: speeds of the last ticks, oldest first.
+        last: newest position.
+        legs: legs of the window.
+        verdict: verdict of the newest window.
+        time_s: time of the newest tick, never decreasing.
         dead, reversed, slips, pushed, blind: findings.
     """
 
@@ -294,14 +294,14 @@ def step_odometer_watch(
     """State and findings of a tick.
 
     Args:
-        state: of the last tick.
-        time_s: of this tick; positions hold for times on the same clock.
-        odometer_m, speed_mps: signed, by the wheels.
-        heading_rad: counter-clockwise from x.
-        heading_confirmed: by ``step_heading_watch``; before that, a wrong sign may be due to the heading.
-        position: a new one by GNSS; None where none came.
+        state: state of the last tick.
+        time_s: time of this tick; positions hold for times on the same clock.
+        odometer_m, speed_mps: signed distance and speed by the wheels.
+        heading_rad: heading counter-clockwise from x.
+        heading_confirmed: whether ``step_heading_watch`` confirmed the heading; before, a wrong sign may be due to it.
+        position: new GNSS position; ``None`` without one.
         thrust_mps2: acceleration by the throttle, from the pedals' monitor; 0 if a person drives.
-        step_s: since the last tick.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     known = math.isfinite(odometer_m) and math.isfinite(speed_mps)

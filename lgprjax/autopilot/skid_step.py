@@ -63,13 +63,13 @@ class SkidHealthRules(NamedTuple):
     """Limits, float32 scalars.
 
     Attributes:
-        gnss_silent_s, heading_silent_s: without an observation for longer, the source is silent.
-        slow_sigma_m, degrade_sigma_m: standard deviation of the position, larger axis, from which on the vehicle slows
+        gnss_silent_s, heading_silent_s: times without an observation after which a source counts as silent.
+        slow_sigma_m, degrade_sigma_m: standard deviations of the position, larger axis, from which the vehicle slows
             down, and at which it waits for a position.
-        stop_sigma_m: that stops it until the operator engages it again.
+        stop_sigma_m: standard deviation that stops the vehicle until the operator engages it again.
         longest_step_s: longest valid tick.
         degraded_mps: speed cap while degraded.
-        least_mps: a slower speed is none.
+        least_mps: slowest speed; below it the vehicle waits.
     """
 
     gnss_silent_s: Float[Array, "..."]
@@ -99,7 +99,7 @@ class SkidHealth(NamedTuple):
 
 
 def default_skid_health() -> SkidHealthRules:
-    """For GNSS at 1 Hz and an INS at 10 Hz; the stop is at the 0.3 m of dead reckoning allowed by the fault list."""
+    """Limits for GNSS at 1 Hz and an INS at 10 Hz; the stop is at the fault list's 0.3 m of dead reckoning."""
     return SkidHealthRules(*(jnp.float32(value) for value in (1.5, 0.5, 0.06, 0.1, 0.3, 0.2, 0.3, 0.05)))
 
 
@@ -114,7 +114,7 @@ def judge_skid_health(
 
     Args:
         rules: limits.
-        estimate, gates, info: of the filter, after the same tick.
+        estimate, gates, info: results of the filter after the same tick.
         step_s: length of the tick.
     """
     finite = jnp.isfinite(estimate.mean).all() & jnp.isfinite(estimate.covariance).all()
@@ -165,16 +165,18 @@ class SkidSetup(NamedTuple):
     """The model of the vehicle, and the settings of the parts.
 
     Attributes:
-        vehicle: its limits.
-        tool: its rectangle; outline: of vehicle and tool, for the fence.
-        model, rules: of the filter and its gates.
-        health: when navigation stops the vehicle.
-        carrot: of the guidance.
-        limiter: of the commands.
+        vehicle: limits of the vehicle.
+        tool: rectangle of the tool.
+        outline: outline of vehicle and tool, for the fence.
+        model, rules: model of the filter and rules of its gates.
+        health: limits at which navigation stops the vehicle.
+        carrot: settings of the guidance.
+        limiter: rules of the command limiter.
         stop: model of a stop, for the fence.
         rise_mps2: rate of raising the speed, and of lowering it without urgency.
-        threshold_mps: difference of the wheels below which the vehicle ignores a turn, which is compensated; 0: none.
-        depth_m: commanded to the tool.
+        threshold_mps: speed difference of the wheels below which the vehicle ignores a turn, which is compensated; 0:
+            none.
+        depth_m: commanded depth of the tool.
     """
 
     vehicle: SkidSteer
@@ -206,12 +208,13 @@ def skid_setup(
     """Settings for a small machine at walking speed; those of the parts follow from the vehicle's limits.
 
     Args:
-        vehicle, tool, model: as measured.
-        depth_m: commanded depth of the tool; deepest_m: largest command.
-        threshold_mps: of the wheels' difference, or a little more.
-        reaction_s: from a fix to the wheels: age of the pose, tick, delay and lag.
-        carrot: of the guidance; None for the default.
-        outline: of vehicle and tool; None for track and tool.
+        vehicle, tool, model: measured vehicle, tool and filter model.
+        depth_m: commanded depth of the tool.
+        deepest_m: largest commanded depth.
+        threshold_mps: control threshold of the wheels' speed difference, or slightly more.
+        reaction_s: time from a fix to the wheels: age of the pose, tick, delay and lag.
+        carrot: settings of the guidance; ``None``: the default.
+        outline: outline of vehicle and tool; ``None``: track and tool.
     """
     return SkidSetup(
         vehicle=vehicle,
@@ -250,8 +253,8 @@ class SkidState(NamedTuple):
     """State carried from step to step.
 
     Attributes:
-        filter, carrot, pulses, limiter: of the parts.
-        edge: a crossing of the fence was predicted; latched until nothing is engaged.
+        filter, carrot, pulses, limiter: states of the parts.
+        edge: whether a crossing of the fence was predicted; latched until nothing is engaged.
     """
 
     filter: SkidFilterState
@@ -265,13 +268,14 @@ class SkidOrders(NamedTuple):
     """Orders of modes, watches and operator to a step.
 
     Attributes:
-        engaged: the computer controls the vehicle; drives: and may move it, with the tool on where the route requires
-            it.
-        stop: a controlled stop, independent of navigation. The mode machine continues it after its reason is gone.
-        speed_cap_mps: in addition to that of navigation; may be infinite.
-        set_speed_mps: that the operator locked.
-        age_s: of the newest motion used for the pose.
-        left_mps, right_mps: wheels as measured; may be NaN.
+        engaged: whether the computer controls the vehicle.
+        drives: whether it may move the vehicle, with the tool on where the route requires it.
+        stop: whether a controlled stop is commanded, independent of navigation. The mode machine continues it without
+            its reason.
+        speed_cap_mps: speed cap in addition to that of navigation; may be infinite.
+        set_speed_mps: speed locked by the operator.
+        age_s: age of the newest motion used for the pose.
+        left_mps, right_mps: measured wheel speeds; may be NaN.
     """
 
     engaged: Bool[Array, "..."]
@@ -288,13 +292,13 @@ class SkidInfo(NamedTuple):
     """Diagnostics of a step.
 
     Attributes:
-        filter: of the observations.
-        plan: of the guidance.
-        limited: bits of ``SkidLimited``; the one that requests manual mode is an error for the mode machine.
-        reaction, reasons: of navigation's health.
+        filter: innovations and acceptance of the observations.
+        plan: plan of the guidance.
+        limited: bits of ``SkidLimited``; the bit that requests manual mode is an error for the mode machine.
+        reaction, reasons: reaction and reasons of navigation's health.
         sigma_m: standard deviation of the position, larger axis.
-        edge_predicted: a stop would have crossed the fence, now or since engaging.
-        stops: the vehicle is being stopped, or held.
+        edge_predicted: whether a stop would have crossed the fence, now or since engaging.
+        stops: whether the vehicle is being stopped, or held.
     """
 
     filter: SkidFilterInfo
@@ -342,12 +346,12 @@ def step_skid(
 
     Args:
         setup: vehicle and settings.
-        route: to be driven.
-        fence: from ``pad_fence``.
-        state: of the last step.
-        motion, observations: of the filter.
-        orders: see there.
-        guidance: law, compiled in.
+        route: route to drive.
+        fence: fence from ``pad_fence``.
+        state: state of the last step.
+        motion, observations: inputs of the filter.
+        orders: see ``SkidOrders``.
+        guidance: guidance law, a static argument.
     """
     step_s, last = motion.step_s, state.limiter.last
     filtered, found = step_skid_filter(setup.model, setup.rules, state.filter, motion, observations)
@@ -386,7 +390,7 @@ def step_skid(
     wanted = SkidCommand(wheels.left_mps, wheels.right_mps, tool, setup.depth_m)
 
     limiter, _, limited = limit_skid_command(setup.limiter, state.limiter, wanted, orders.age_s, step_s)
-    # Not engaged, nothing is told to anybody: the limiter stands where the operator has the wheels.
+    # Not engaged, no command is sent: the limiter tracks the measured wheels.
     free = init_skid_limiter(measured.left_mps, measured.right_mps, setup.depth_m)
     limiter = _chosen(orders.engaged, limiter, free)
     sent = WheelSpeeds(limiter.last.left_mps, limiter.last.right_mps)
@@ -407,9 +411,9 @@ def step_skid(
 
 
 _EDGE_SHARES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.22, 0.15, 0.1)
-"""Of the speed that is tried near the fence, the largest first."""
+"""Shares of the speed tried near the fence, the largest first."""
 _LATE = 3.0
-"""Times the reaction time of a stop: wheels that are told to slow down do so before the stop itself would come."""
+"""Factor on the reaction time of a stop, so that the wheels slow down before the stop itself would come."""
 
 
 def _grip(estimate: SkidEstimate) -> WheelSpeeds:

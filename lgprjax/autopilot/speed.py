@@ -31,12 +31,12 @@ class VelocitySettings(NamedTuple):
         integral_per_s2: growth of the integral's acceleration per m/s of error.
         rise_mps2, fall_mps2: largest acceleration and deceleration of the reference.
         lead_mps: largest lead of the reference over the speed, above it or, when slowing down, below.
-        press_mps2: a pedal is pressed when more than this is requested, and released when nothing is: in between the
-            vehicle coasts.
+        press_mps2: requested acceleration above which a pedal is pressed; it is released without a request, and in
+            between the vehicle coasts.
         hold_brake: command of the brake at standstill.
-        standing_mps: below it the vehicle stands.
+        standing_mps: speed below which the vehicle is at standstill.
         stop_mps2: deceleration of a controlled stop.
-        stop_rise_mps3: rate at which a controlled stop reaches it.
+        stop_rise_mps3: rate at which a controlled stop reaches its deceleration.
     """
 
     proportional_per_s: Float[Array, "..."]
@@ -71,7 +71,7 @@ class VelocityState(NamedTuple):
         expected_mps: reference filtered by the pedal's lag.
         integral_mps2: integral of the feedback.
         pedal: 1 with the throttle pressed, −1 with the brake, 0 with neither.
-        throttle, brake: their positions; a controlled stop begins with the present brake.
+        throttle, brake: pedal positions; a controlled stop begins with the present brake.
     """
 
     reference_mps: Float[Array, "..."]
@@ -120,12 +120,12 @@ def step_velocity(
     the state.
 
     Args:
-        settings: of the controller.
-        pedals: the model of both pedals.
-        state: of the last step.
-        wanted_mps: speed to hold; 0 is a stop that then holds.
-        speed_mps: in the gear's direction.
-        active: the autopilot drives the pedals.
+        settings: settings of the controller.
+        pedals: model of both pedals.
+        state: state of the last step.
+        wanted_mps: speed to hold; 0: stop, then hold.
+        speed_mps: speed in the gear's direction.
+        active: whether the autopilot controls the pedals.
         step_s: time step.
     """
     known = jnp.isfinite(speed_mps) & jnp.isfinite(wanted_mps)
@@ -171,8 +171,8 @@ def step_stop(
     """State, throttle and brake of one step of a controlled stop: throttle idle, brake by the model, ramped.
 
     It does not feed back the speed, which may have been lost: the brake's deceleration rises from its present value to
-    ``stop_mps2``. The speed only accounts for rolling resistance and drag, and shows when the vehicle stands; without
-    it the brake does everything.
+    ``stop_mps2``. The speed only accounts for rolling resistance and drag, and detects standstill; without it the brake
+    does everything.
     """
     rolls = speed_mps > 0.0
     resisted = jnp.where(rolls, pedals.rolling_mps2 + pedals.drag_per_s * jnp.where(rolls, speed_mps, 0.0), 0.0)

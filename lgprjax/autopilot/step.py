@@ -60,12 +60,12 @@ class AutopilotConfig(NamedTuple):
     """The model of the vehicle, and the settings.
 
     Attributes:
-        chassis, pedals: the vehicle; its operator has throttle and brake where pedals are ``None``.
-        look_ahead: over the commanded speed; it replaces the planner's constant one.
+        chassis, pedals: vehicle; with pedals ``None`` the operator has throttle and brake.
+        look_ahead: look-ahead over the commanded speed; it replaces the planner's constant one.
         planner, velocity, limiter: settings of the parts.
-        weak_exponent, least_share: how the look-ahead grows as the servo's torque falls, and down to which share of it;
-            0 and 1 leave it.
-        slack_rad: dead band and half of the play of the steering, which the command makes up for.
+        weak_exponent, least_share: exponent of the look-ahead's growth with falling torque of the servo, and least
+            share of torque considered; 0 and 1: no growth.
+        slack_rad: dead band and half of the play of the steering, which the command compensates.
     """
 
     chassis: Chassis
@@ -92,15 +92,15 @@ class AutopilotInputs(NamedTuple):
     """Inputs of a step.
 
     Attributes:
-        pose_route: rear axle in the route's frame.
-        speed_mps: forward positive.
-        reaction: a ``Reaction``. The mode machine continues a stop after its reason is gone, as ``stopping``.
+        pose_route: pose of the rear axle in the route's frame.
+        speed_mps: speed, forward positive.
+        reaction: ``Reaction`` of the health. The mode machine continues a stop without its reason, as ``stopping``.
         speed_cap_mps: limit by navigation; may be infinite.
-        age_s: of the pose.
-        steering_engaged, speed_engaged: from the mode; the second requires the first.
-        set_speed_mps: that the operator locked.
-        front_rad: angle of the front wheels as measured.
-        torque_share: that the servo has left, as measured; 1 for all of it.
+        age_s: age of the pose.
+        steering_engaged, speed_engaged: whether steering and speed are engaged; the second requires the first.
+        set_speed_mps: speed locked by the operator.
+        front_rad: measured angle of the front wheels.
+        torque_share: measured remaining share of the servo's torque.
     """
 
     pose_route: VehiclePose
@@ -119,12 +119,12 @@ class AutopilotInfo(NamedTuple):
     """Diagnostics of a step.
 
     Attributes:
-        plan: from the planner, with the required gear.
-        limited: bits of ``Limited``; the one that requests manual mode is an error for the mode machine.
+        plan: plan of the planner, with the required gear.
+        limited: bits of ``Limited``; the bit that requests manual mode is an error for the mode machine.
         wanted_mps: speed being held or approached; 0 in a stop. Without pedals the fastest that navigation and route
             allow.
-        reachable: the goal is on an arc within the wheels' limits.
-        look_ahead_m: that was steered by, lengthened for a weak servo.
+        reachable: whether the goal is on an arc within the wheels' limits.
+        look_ahead_m: look-ahead used, lengthened for a weak servo.
     """
 
     plan: Plan
@@ -154,10 +154,10 @@ def step_autopilot(
 
     Args:
         config: vehicle and settings.
-        route: to be driven.
-        state: of the last step.
-        inputs: of this one.
-        step_s: since the last step.
+        route: route to drive.
+        state: state of the last step.
+        inputs: inputs of this step.
+        step_s: time since the last step.
     """
     pose = inputs.pose_route
     schedule = stretched_look_ahead(
@@ -203,12 +203,12 @@ def limit_while_engaged(
 ) -> tuple[LimiterState, Int32[Array, ""]]:
     """State of the limiter, whose last command is sent, and its bits.
 
-    Not engaged, nothing is told to anybody: the limiter stands where the operator has the wheels.
+    Not engaged, no command is sent: the limiter tracks the measured wheels.
 
     Args:
         rules, state, command, age_s, step_s: see ``limit_command``.
-        engaged: the computer commands the vehicle.
-        front_rad: of the front wheels as measured; NaN where unknown.
+        engaged: whether the computer commands the vehicle.
+        front_rad: measured angle of the front wheels; NaN if unknown.
     """
     free = init_limiter(jnp.where(jnp.isfinite(front_rad), front_rad, state.last.front_rad))
     limited, _, bits = limit_command(rules, state, command, age_s, step_s)
@@ -291,17 +291,17 @@ def onboard_setup(
     least_share: float = 1.0,
     slack_rad: float | Float[Array, ""] = 0.0,
 ) -> OnboardSetup:
-    """Settings of a vehicle whose heading and odometer speak every tick; what is not asked for is the same for all.
+    """Settings of a vehicle with heading and odometer every tick; settings without an argument are common to all.
 
     Args:
-        model: of the filter.
-        chassis, pedals: as they are believed to be; ``None`` where the operator has throttle and brake.
-        look_ahead: over the commanded speed.
-        front_rate_radps: fastest turning of the front wheels.
-        tick_s: of the loop.
-        gnss_period_s: from one position to the next.
+        model: model of the filter.
+        chassis, pedals: models of chassis and pedals; pedals ``None``: the operator has throttle and brake.
+        look_ahead: look-ahead over the commanded speed.
+        front_rate_radps: largest rate of the front wheels.
+        tick_s: tick of the loop.
+        gnss_period_s: period of positions.
         risk: largest accepted probability of a false match.
-        has_lgpr: there are fixes of LGPR.
+        has_lgpr: whether there are LGPR fixes.
         weak_exponent, least_share, slack_rad: as in ``AutopilotConfig``.
     """
     one = jnp.float32
@@ -349,13 +349,13 @@ class Orders(NamedTuple):
     """Orders of modes, watches and operator to a tick.
 
     Attributes:
-        steering_engaged, speed_engaged: from the mode.
-        stop: a controlled stop, independent of navigation.
-        speed_cap_mps: in addition to that of navigation; may be infinite.
-        set_speed_mps: that the operator locked.
-        front_rad: of the front wheels as measured; may be NaN.
-        age_s: of the motion used to propagate the pose.
-        torque_share: that the servo has left; see ``step_torque``.
+        steering_engaged, speed_engaged: whether steering and speed are engaged.
+        stop: whether a controlled stop is commanded, independent of navigation.
+        speed_cap_mps: speed cap in addition to that of navigation; may be infinite.
+        set_speed_mps: speed locked by the operator.
+        front_rad: measured angle of the front wheels; may be NaN.
+        age_s: age of the motion used to propagate the pose.
+        torque_share: remaining share of the servo's torque; see ``step_torque``.
     """
 
     steering_engaged: Bool[Array, ""]
@@ -389,11 +389,11 @@ def step_onboard(
     """One tick; unbatched.
 
     Args:
-        setup: of the vehicle.
-        route: being driven, or to be driven.
-        state: of the last tick.
+        setup: setup of the vehicle.
+        route: route to drive.
+        state: state of the last tick.
         motion, observations, p_false: see ``step_navigator``.
-        orders: see there.
+        orders: see ``Orders``.
         fusion: source of the pose used for control.
     """
     navigator, navigated = step_navigator(

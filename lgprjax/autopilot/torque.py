@@ -1,7 +1,7 @@
-"""How much of its torque the steering servo has left, by its supply and by how fast it turns when it must.
+"""Remaining share of the steering servo's torque, by its supply voltage and by its rate under load.
 
-The look-ahead grows with falling torque, within the limits that the study of it set. The estimate is slow on purpose: a
-look-ahead that jumped would steer.
+The look-ahead grows with falling torque, within the limits set by its study. The estimate is slow on purpose, because a
+jump of the look-ahead would steer.
 """
 
 import math
@@ -11,7 +11,7 @@ from lgprjax.autopilot.chassis_monitors import ServoWatchState
 from lgprjax.autopilot.monitors import WheelBelief
 
 _WINDOW_TICKS = 12
-"""Over which the wheels' rate is measured, about a quarter of a second at 50 Hz."""
+"""Window of the wheels' rate measurement, ticks: about a quarter of a second at 50 Hz."""
 _BEHIND = 1.5
 """Distance behind the command, in what the servo turns in its lag at its rate, from which on it turns at its rate."""
 _CLOSE_RAD = 0.01
@@ -25,10 +25,10 @@ class TorqueState(NamedTuple):
     """State from tick to tick.
 
     Attributes:
-        share: of the torque, as the look-ahead goes by it.
-        by_rate: as last measured by the rate; it recovers within a minute without a measurement.
+        share: share of the torque used by the look-ahead.
+        by_rate: share last measured by the rate; it recovers within a minute without a measurement.
         moved: time and front angle of the last ticks in which the servo was behind to one side; empty otherwise.
-        side: of that: 1, -1, or 0.
+        side: side to which the servo is behind: 1, -1, or 0.
     """
 
     share: float = 1.0
@@ -50,13 +50,13 @@ def step_torque(
     """State after a tick.
 
     Args:
-        belief: the servo.
-        state: of the last tick.
-        servo: of the servo watch after this tick: the commands that may act.
-        front_rad: measured.
-        supply_v: of the servo; one that is no number changes nothing.
-        engaged: the box holds the steering engaged.
-        step_s: since the last tick.
+        belief: calibrated steering with its servo.
+        state: state of the last tick.
+        servo: state of the servo watch after this tick, with the commands that may act.
+        front_rad: measured angle of the front wheels.
+        supply_v: supply voltage of the servo; NaN changes nothing.
+        engaged: whether the box holds the steering engaged.
+        step_s: time since the last tick.
     """
     step_s = step_s if math.isfinite(step_s) and step_s > 0.0 else 0.0
     side = _behind(belief, servo, front_rad) if engaged else 0

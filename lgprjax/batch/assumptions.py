@@ -10,7 +10,7 @@ from lgprjax.files import file_hash
 from lgprjax.formats import DriveLog, MapFile, MapHistory, assumed_of
 
 UNSTATED = "sigma not stated (fixes are relative to the map's labels)"
-"""Of labels whose navigation says nothing of its errors."""
+"""Note on labels whose navigation states no errors."""
 _NEAR_M = 50.0
 """A drive that never comes this close is not next to the map, but elsewhere."""
 _NO_LABELS = ("time", "speed")
@@ -42,7 +42,7 @@ def assumptions_by_baseline(rows: Sequence[Mapping[str, str]]) -> str | None:
 
 
 def distance_to_map_m(source: MapFile, log: DriveLog) -> float:
-    """From the drive's nearest recorded place to the nearest station, along the ground."""
+    """Horizontal distance from the drive's nearest recorded position to the nearest station of the map, m."""
     navigation, pose = log.description.navigation, source.pose
     east_north = (pose[:, 0].astype(np.float64), pose[:, 1].astype(np.float64))
     latitude, longitude, _ = source.description.frame.to_geodetic(*east_north, np.zeros(len(pose)))

@@ -67,7 +67,7 @@ class _Swapped(NamedTuple):
 
 
 class _StationChain(LiveChain):
-    """Chain of stations, which are profiles already: no processing is left to do."""
+    """Chain of stations, which are profiles already and need no processing."""
 
     def __init__(self, ground: GroundMap) -> None:
         self._ground = ground
@@ -244,7 +244,7 @@ def _left_out_errors(
         ground = ground_map_for(others, options)
         prepared = PreparedGround(ground, uniform_array(channels, source.description.channel_pitch_m), keep=8)
         error_m, covariance, match_m2, left_m = [], [], [], most_m
-        # Labels wander along their baselines, each by itself: what is apart of two is theirs as much as the match's.
+        # Labels wander independently along their baselines, so the difference of two includes both label errors.
         labels_m2 = label_m2[int(number)] + np.mean(label_m2[numbers[numbers != number]])
         for stretch, covered in _stretches_over_others(source, int(number), channels, piece_m):
             if left_m < piece_m:
@@ -291,7 +291,7 @@ def _stretches_over_others(
 ) -> Iterator[tuple[_Swapped, Bool[np.ndarray, "scan channel"]]]:
     """Stretches of a baseline over the ground of others, in a fixed random order, and which of its traces are.
 
-    A bounded number is looked at, whatever the length of the map, and only the antennas next to each.
+    The number examined is bounded for any length of the map, with only the antennas next to each.
     """
     description = source.description
     pitch_m, step_m = description.channel_pitch_m, description.settings.step_m

@@ -45,22 +45,22 @@ def swarm_about(
     options: RegisterOptions,
     scan: int,
 ) -> SwarmView | None:
-    """The swarm of a scan, run again; None without a swarm in the options, or without a place.
+    """The swarm of a scan, run again; ``None`` without a swarm in the options, or without a place.
 
-    One that searches begins anywhere in the region; the drive's own were often smaller. One that finishes begins at the
-    highest place of the scan's surface; the drive's own began at the peaks of its coarse stage, on the template bank: a
-    few centimetres away at most.
+    A searching swarm begins anywhere in the region; the drive's own regions were often smaller. A finishing swarm
+    begins at the highest place of the scan's surface; the drive's own began at the peaks of its coarse stage, on the
+    template bank, a few centimetres away at most.
 
     Args:
-        ground: the map.
-        tile_number: of the tile that the scan was searched on.
-        array: of the drive.
-        template: single, in a batch of one.
+        ground: map.
+        tile_number: number of the tile on which the scan was searched.
+        array: array of the drive.
+        template: single template, in a batch of one.
         prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad in the tile's frame.
-        surface: of the scan over the search region.
-        drive: that the scan is of.
-        options: the search.
-        scan: number in the drive.
+        surface: correlation surface of the scan over the search region.
+        drive: drive of the scan.
+        options: options of the search.
+        scan: number of the scan in the drive.
     """
     noise_floor = float(np.asarray(drive.fix.noise_floor)[scan])
     config = options.search_swarm or options.swarm
@@ -103,10 +103,10 @@ class GroundStrips(NamedTuple):
     """Gained samples of one channel under a path, each strip in units of its own RMS.
 
     Attributes:
-        live, baseline, beside: of the drive, of the map there, and of the map a metre farther on.
+        live, baseline, beside: samples of the drive, of the map there, and of the map a metre farther on.
         distance_m: travel of each trace.
         time_ns: two-way travel time of the samples.
-        channel: shown.
+        channel: number of the channel.
         beside_m: distance of ``beside`` farther along the track.
         lag_m: shift along the track at which live and map strips agree best.
     """
@@ -125,14 +125,14 @@ class FixExample(NamedTuple):
     """A fix for display, places along and across in the frame of the tile that it was searched on.
 
     Attributes:
-        scan: its number in the drive.
-        strips: of the ground, live and in the map.
-        surface: the correlation over the search region, the rest of the pose as the fix has it.
+        scan: number of the scan in the drive.
+        strips: strips of the ground, live and in the map.
+        surface: correlation over the search region, with the rest of the pose from the fix.
         prior_m, best_m, second_m, truth_m: start of the search, its result, the highest other peak of the surface, and
-            the truth where it is known.
-        prior_sigma_m: of the prior, east and north; 0 where the drive states none.
+            the truth, if known.
+        prior_sigma_m: standard deviation of the prior, east and north; 0 if the drive states none.
         frame: east_m, north_m, yaw_rad of the tile's frame in the map's.
-        swarm: that found it, where the options ask for one.
+        swarm: swarm of the fix, if the options have one.
     """
 
     scan: int

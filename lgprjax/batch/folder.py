@@ -22,7 +22,7 @@ Bars = Callable[[str, int, str], AbstractContextManager[Progress]]
 
 
 def no_bars(_title: str, _total: int, _unit: str) -> AbstractContextManager[Progress]:
-    """Bars that nobody sees."""
+    """Progress bars without display."""
     return nullcontext(lambda _: None)
 
 
@@ -52,12 +52,12 @@ class Workforce:
 
 
 class RegisteredFolder(NamedTuple):
-    """What came of registering drives into a folder.
+    """Result of registering drives into a folder.
 
     Attributes:
         run: map, folder and search.
-        registered, kept: drives registered now; those that were there already, and stayed.
-        failed: why drives could not be registered, each with its line.
+        registered, kept: number of drives registered now, and of earlier results kept.
+        failed: error messages of the drives that could not be registered.
     """
 
     run: ArchiveRun
@@ -146,7 +146,7 @@ def _done_by(
     jobs: Sequence[Job],
     progress: Callable[[Job, int], None],
 ) -> Iterator[Iterator[JobOutcome]]:
-    """Outcomes of jobs as they come; leaving the block ends running workers. A cluster tells of whole drives alone."""
+    """Outcomes of jobs as they come; leaving the block ends running workers. A cluster reports whole drives only."""
     if workforce.workers is not None:
         with WorkerPool(run, workforce.workers, gpus=own_gpus, progress=progress) as pool:
             yield pool.run(jobs)

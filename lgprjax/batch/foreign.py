@@ -1,4 +1,4 @@
-"""What foreign ground scores on a map, for one array: the map's own traces led over other places of it."""
+"""Scores of foreign ground on a map, for one array: the map's own traces moved to other places of it."""
 
 import numpy as np
 from jaxtyping import Float
@@ -19,10 +19,10 @@ def likelihood_of(source: MapFile, ground: GroundMap, array: ArrayGeometry, opti
     """Likelihood of an array's scans on a map, measured on the map alone.
 
     Args:
-        source: the map.
-        ground: its tiles.
-        array: of the drive; its number of channels decides, at the map's pitch.
-        options: of the search.
+        source: map.
+        ground: tiles of the map.
+        array: array of the drive; only its number of channels matters, at the map's pitch.
+        options: options of the search.
     """
     description = source.description
     channels = min(len(array.x_m), description.channels)

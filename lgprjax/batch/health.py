@@ -39,7 +39,7 @@ def clock_figures(time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, 
     """Dropped scans and jitter of the time stamps.
 
     Args:
-        time_s: of the scans.
+        time_s: scan times.
         path_m: metres travelled since the first scan.
     """
     interval, moved = np.diff(time_s), np.diff(path_m)
@@ -86,11 +86,11 @@ def _local_median(values: Float[np.ndarray, " interval"]) -> Float[np.ndarray, "
 def jump_figures(
     odometry: OdometryTrack, time_s: Float[np.ndarray, " scan"], path_m: Float[np.ndarray, " scan"]
 ) -> list[HealthFigure]:
-    """Steps of the odometry that no vehicle can drive; empty without any.
+    """Odometry steps that no vehicle can drive; empty without any.
 
     Args:
-        odometry: of the drive.
-        time_s, path_m: times of the scans and metres travelled there.
+        odometry: odometry of the drive.
+        time_s, path_m: scan times, and distances travelled.
     """
     mended = mend_travel(odometry.time_s, odometry.distance_m)
     jumps = [*mended.bridged, *mended.broken]
@@ -122,8 +122,8 @@ def motion_figures(
     """Figures of GNSS/INS and odometry, and the names of those that could not be measured, with the reason.
 
     Args:
-        navigation, odometry: of the drive.
-        time_s, path_m: times of the scans and metres travelled there.
+        navigation, odometry: navigation and odometry of the drive.
+        time_s, path_m: scan times, and distances travelled.
     """
     names = ("gnss_sigma", "gnss_outage", "gnss_jump", "odometer_scale", "odometer_slip")
     inside = (navigation.time_s >= odometry.time_s[0]) & (navigation.time_s <= odometry.time_s[-1])
@@ -283,13 +283,13 @@ class DriveHealth(NamedTuple):
     """Health figures of a drive log.
 
     Attributes:
-        name: of the drive.
+        name: name of the drive.
         kind: ``traces``, ``sweeps``, or ``no radar``.
-        scans, channels: of the recording.
-        duration_s, travel_m: from the first scan to the last; reverse counts as travel.
-        figures: measured, or of the verdict ``not recorded``.
-        not_measured: names of figures that this drive does not permit, and why.
-        assumed: quantities that no instrument recorded, and what was assumed instead.
+        scans, channels: number of scans and channels of the recording.
+        duration_s, travel_m: time and distance from the first scan to the last; reverse counts as travel.
+        figures: figures, measured or with the verdict ``not recorded``.
+        not_measured: names of figures that this drive does not permit, with the reason.
+        assumed: assumptions for unrecorded quantities, by quantity.
     """
 
     name: str
@@ -304,12 +304,12 @@ class DriveHealth(NamedTuple):
 
     @property
     def verdict(self) -> Verdict:
-        """The worst verdict of all figures that were recorded; ``not recorded`` where none was."""
+        """The worst verdict of all recorded figures; ``not recorded`` without any."""
         judged = [entry.verdict for entry in self.figures if entry.verdict != "not recorded"]
         return worst(judged) if judged else "not recorded"
 
     def figure(self, name: str) -> HealthFigure:
-        """The figure of this name. Raises ``KeyError`` where it was not measured."""
+        """The figure of this name. Raises ``KeyError`` if it was not measured."""
         for entry in self.figures:
             if entry.name == name:
                 return entry
@@ -333,7 +333,7 @@ class DriveHealth(NamedTuple):
 
 
 def drive_health(log: DriveLog, progress: Callable[[int], None] = lambda _: None) -> DriveHealth:
-    """Measure a drive log, streaming: some hundred numbers a second of recording are kept.
+    """Measure a drive log, streaming: some hundred numbers per second of recording are kept.
 
     Args:
         log: traces or sweeps.

@@ -38,11 +38,12 @@ class ArchiveRun(NamedTuple):
     """Settings common to all jobs of a run.
 
     Attributes:
-        map_path: the database; absolute.
-        map_sha256: of its file, and the ``map_stamp`` at that time.
-        options: the search.
-        folder: of the results; absolute.
-        threads: limit for each worker.
+        map_path: absolute path of the map.
+        map_sha256: SHA-256 of the map's file.
+        map_stamp: stamp of the map's file at the time of hashing.
+        options: options of the search.
+        folder: absolute path of the results.
+        threads: thread limit of each worker.
     """
 
     map_path: Path
@@ -54,14 +55,14 @@ class ArchiveRun(NamedTuple):
 
 
 class Job(NamedTuple):
-    """One drive to be registered.
+    """One drive to register.
 
     Attributes:
-        name: of the drive, and of its outputs.
-        drive: its log; absolute.
-        drive_sha256: of the log.
-        key: of the job, see ``key_of_job``.
-        scans: of a drive that is to be done; 0 if the log cannot be read, as its job will tell.
+        name: name of the drive and of its outputs.
+        drive: absolute path of its log.
+        drive_sha256: SHA-256 of the log.
+        key: key of the job, see ``key_of_job``.
+        scans: number of scans; 0 if the log cannot be read, which the job will report.
     """
 
     name: str
@@ -86,7 +87,7 @@ def settings_of(options: RegisterOptions) -> dict[str, object]:
 
 
 def key_of_job(drive_sha256: str, map_sha256: str, settings: dict[str, object]) -> str:
-    """SHA-256 of the inputs of a job's result, whatever the order of the settings."""
+    """SHA-256 of the inputs of a job's result, independent of the order of the settings."""
     inputs = {"drive": drive_sha256, "map": map_sha256, "settings": settings, "version": __version__}
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
@@ -102,12 +103,12 @@ class CellTally(NamedTuple):
 
     Attributes:
         east, north: index of the cell: its south-west corner in cells from the map's anchor.
-        tried, ok, judged: scans with a match, their own or one that travel brought on; of these, with an ok fix; of
+        tried, ok, judged: number of scans with a match, their own or a propagated one; of these, with an ok fix; of
             these, with a known truth.
-        square_m2: sum of their squared errors.
-        largest_m: of the errors; 0 where nothing was judged.
+        square_m2: sum of the squared errors.
+        largest_m: largest error; 0 without judged scans.
         largest_s: time of that scan in the drive.
-        declined_s: time of the first scan without an ok fix; None if all have one.
+        declined_s: time of the first scan without an ok fix; ``None`` if all have one.
     """
 
     east: int
@@ -126,16 +127,16 @@ class _Kept(BaseModel):
 
 
 class DriveFigures(_Kept):
-    """A registered drive in numbers; ``None`` where unknown.
+    """Figures of a registered drive; ``None`` if unknown.
 
     Attributes:
-        scans, tried: of the drive; those with a match, their own or one that travel brought on.
-        counts: scans by code.
+        scans, tried: number of scans, and of scans with a match, their own or a propagated one.
+        counts: number of scans by code.
         way_m: distance driven.
-        correlation_ok, correlation_at_truth: medians, of the ok fixes and of all scans at their true pose.
-        judged, wrong: ok fixes whose truth is known, and those of them with an error above 0.3 m.
-        rms_along_m, rms_cross_m, largest_m: errors of the judged, in the map's frame.
-        milliseconds_per_scan: wall time of the search.
+        correlation_ok, correlation_at_truth: median correlation of the ok fixes, and of all scans at their true pose.
+        judged, wrong: number of ok fixes with a known truth, and of those with an error above 0.3 m.
+        rms_along_m, rms_cross_m, largest_m: errors of the judged fixes, in the map's frame.
+        milliseconds_per_scan: wall time of the search per scan.
     """
 
     scans: int
@@ -153,12 +154,12 @@ class DriveFigures(_Kept):
 
     @property
     def ok(self) -> int:
-        """Scans with a position."""
+        """Number of scans with a position."""
         return self.counts.get("ok", 0)
 
     @property
     def ok_share(self) -> float:
-        """Availability: of the scans searched, those with a position; 0 where none was."""
+        """Availability: share of the searched scans with a position; 0 without searched scans."""
         return self.ok / self.tried if self.tried else 0.0
 
 
@@ -166,11 +167,12 @@ class JobCost(_Kept):
     """Cost of a job.
 
     Attributes:
-        seconds: from opening the log to its outputs.
-        search_s: of these, registration itself, including reading and preparing tiles.
-        compiled: programs that the worker compiled, or loaded from the compilation cache, since the previous job.
+        seconds: time from opening the log to its outputs.
+        search_s: part of this time for registration itself, including reading and preparing tiles.
+        compiled: number of programs that the worker compiled, or loaded from the compilation cache, since the previous
+            job.
         peak_rss_mb: peak memory of the worker's process so far.
-        worker: host and process.
+        worker: host and process of the worker.
     """
 
     seconds: float
@@ -184,16 +186,16 @@ class JobRecord(_Kept):
     """A finished job.
 
     Attributes:
-        name: of the drive.
-        state: done, or failed for good.
-        key: of the job.
-        drive, drive_sha256, map, map_sha256: its inputs.
-        settings: of the search.
-        version: of the program.
-        attempts: workers that tried.
-        error: why it failed, one line; of a job that is done, why a later run could not do it anew.
-        outputs: SHA-256 of each, by file name.
-        figures, cells, cost: of a job that is done.
+        name: name of the drive.
+        state: done, or failed permanently.
+        key: key of the job.
+        drive, drive_sha256, map, map_sha256: inputs of the job.
+        settings: settings of the search.
+        version: version of the program.
+        attempts: number of workers that tried.
+        error: error message of a failed job, one line; for a done job, the error of a later failed run.
+        outputs: SHA-256 of each output, by file name.
+        figures, cells, cost: results of a done job.
     """
 
     name: str
@@ -225,7 +227,7 @@ def write_record(folder: Path, record: JobRecord) -> None:
 
 
 def read_record(path: Path) -> JobRecord | None:
-    """A record; None if there is none of this format, so that its job is done again."""
+    """A record; ``None`` without one of this format, so that its job is done again."""
     try:
         return JobRecord.model_validate_json(path.read_bytes())
     except (FileNotFoundError, ValidationError):
@@ -281,16 +283,16 @@ def drive_name(path: Path) -> str:
 def claimed(run: ArchiveRun, names: Sequence[str], *, force: bool) -> Iterator[None]:
     """Lock a folder for a run and remove partial files of killed workers.
 
-    The folder is marked with its map and with the drives whose outputs belong to the archive and may be replaced.
+    The folder records its map and the drives whose outputs belong to the archive and may be replaced.
 
     Args:
-        run: the run.
-        names: of its drives.
-        force: replace results of another map, and outputs of other origin.
+        run: settings of the run.
+        names: names of its drives.
+        force: whether to replace results of another map, and outputs of other origin.
 
     Raises:
-        InputError: it holds results of another map or files of other origin (without ``force``), it is no folder, or
-            another run has locked it.
+        InputError: the folder holds results of another map or files of other origin (without ``force``), it is not a
+            folder, or another run has locked it.
     """
     folder = run.folder
     _ours(run, names, force)
@@ -316,7 +318,7 @@ def plan_jobs(
     Args:
         run: the run.
         drives: logs of different names.
-        force: do all of them anew.
+        force: whether to do all of them again.
         progress: called with the number of drives checked.
     """
     settings = settings_of(run.options)
@@ -353,9 +355,9 @@ def _scans_of(drive: Path) -> int:
 
 
 def note_failure(run: ArchiveRun, job: Job, error: InputError, attempts: int) -> None:
-    """Keep a record of a job that failed for good; a later run tries it again.
+    """Write the record of a permanently failed job; a later run tries it again.
 
-    A result that the drive has from an earlier run stays, with the failure noted beside it.
+    A result of the drive from an earlier run is kept, with the failure added to its record.
     """
     earlier = read_record(jobs_folder(run.folder) / f"{job.name}.json")
     if (
@@ -419,7 +421,7 @@ def _outputs_unchanged(folder: Path, record: JobRecord) -> bool:
 
 
 def _forget_failure(folder: Path, name: str) -> None:
-    """Drop the failure noted beside a result, whose drive is now what it was made from again."""
+    """Remove the failure from a result's record, because its drive matches the result again."""
     record = read_record(jobs_folder(folder) / f"{name}.json")
     if record is not None and record.error:
         write_record(folder, record.model_copy(update={"error": ""}))
@@ -448,7 +450,7 @@ def _clean(folder: Path, names: Sequence[str]) -> None:
 
 
 def figures_of(drive: RegisteredDrive) -> DriveFigures:
-    """Counts, accuracy where the truth is known, time a scan."""
+    """Counts, accuracy where the truth is known, time per scan."""
     code, correlation = np.asarray(drive.fix.code), np.asarray(drive.fix.correlation)
     errors = true_errors(drive)
     along, cross = errors[np.isfinite(errors[:, 0])].T
@@ -553,15 +555,15 @@ class DriveJobs:
         """Register a drive; outputs and record are written, the record last.
 
         Args:
-            job: of the run.
-            attempt: number of this one.
-            progress: called with the number of scans done since the last call.
+            job: job of the run.
+            attempt: number of this attempt.
+            progress: function called with the number of scans done since the last call.
 
         Returns:
-            why it failed; None if done. A traceback of a defect goes to standard error as well.
+            The error; ``None`` if done. The traceback of a defect is also written to standard error.
 
         Raises:
-            MemoryError: there is too little memory; the next drive would fail as well.
+            MemoryError: there is too little memory; the next drive would fail too.
         """
         try:
             self._register(job, attempt, progress)

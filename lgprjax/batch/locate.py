@@ -1,4 +1,4 @@
-"""Where a drive begins on a map, without a prior position: the host's part of the search over the whole map."""
+"""Start position of a drive on a map, without a prior position: the host part of the search over the whole map."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from lgprjax.registration.search import BLOCK_SCANS, live_chain
 RISK = 1e-6
 """Largest accepted probability that a start is false."""
 MOST_M = 20.0
-"""Travel after which a start is given up."""
+"""Travel after which a start is abandoned."""
 COLUMNS = (
     "start_scan",
     "scan",
@@ -46,7 +46,7 @@ _CELLS = 2048
 _WANDER_M = 0.03  # of the place on a line, per root of a metre: odometer, and lines that are not parallel
 _LOST, _OFF_MAP, _OFF_MAP_M = 0.5, 0.99, 5.0
 _AGAIN_M = 4.0
-"""Travel after which places are proposed anew, where foreign ground is more likely than all that were."""
+"""Travel after which places are proposed again, if foreign ground is more likely than all proposed ones."""
 _LIKELY = 1e-3
 _LEAST_EVERY_M = 0.1
 _UNSEEN = 0.1  # of the wavelength
@@ -57,7 +57,7 @@ _MOST_STEP_M = 0.12  # of cells and nodes, as 0.3 m aside is another place
 
 
 class _Own(NamedTuple):
-    """A drive's stops at the nodes of its array, see ``anywhere.Heard``; numbers of their scans, travel, and leg."""
+    """A drive's stops at the nodes of its array, see ``anywhere.Heard``, with their scan numbers, travel and leg."""
 
     heard: anywhere.Heard
     scan: Int[np.ndarray, " stop"]
@@ -138,7 +138,7 @@ class MapLines:
         return out
 
     def likelihood_for(self, array: ArrayGeometry) -> Likelihood:
-        """What foreign ground scores: the map's own cells led over other places of it, for so many channels."""
+        """Scores of foreign ground for an array's number of channels: the map's own cells moved to other places."""
         own = min(len(array.x_m), self.source.description.channels)
         if own not in self._likelihoods:
             self._likelihoods[own] = measure_likelihood(self._foreign(own))
@@ -240,14 +240,14 @@ class MapLines:
 
 @dataclass(frozen=True)
 class LocatedDrive:
-    """Result of looking for a drive on a map, a row a start.
+    """Result of locating a drive on a map, one row per start.
 
     Attributes:
-        name: of the drive.
-        table: the columns of ``NAME.located.csv``: ``start_scan``, and ``scan``, ``driven_m`` of travel later, whose
-            position is given; latitude, longitude and heading with their sigmas along and across the heading;
-            ``p_false``, the probability that the start is false; ``hypotheses``, places with more than a thousandth of
-            the probability; ``code``: ``ok``, ``ambiguous`` (several places), ``not_yet`` (nothing is likely enough) or
+        name: name of the drive.
+        table: columns of ``NAME.located.csv``: ``start_scan``; ``scan``, whose position is given, after ``driven_m`` of
+            travel; latitude, longitude and heading with their sigmas along and across the heading; ``p_false``, the
+            probability that the start is false; ``hypotheses``, the number of places with more than a thousandth of the
+            probability; ``code``: ``ok``, ``ambiguous`` (several places), ``not_yet`` (nothing likely enough) or
             ``off_map``.
     """
 
@@ -255,7 +255,7 @@ class LocatedDrive:
     table: pd.DataFrame
 
     def save(self, folder: Path, *, force: bool = False) -> Path:
-        """Write ``NAME.located.csv`` to a folder, created if missing. Raises ``InputError`` where it cannot."""
+        """Write ``NAME.located.csv`` to a folder, created if missing. Raises ``InputError`` if writing fails."""
         make_folder(folder)
         target = folder / f"{self.name}.located.csv"
         digits = {"driven_m": 3, "latitude_deg": 9, "longitude_deg": 9, "heading_deg": 2}
@@ -301,14 +301,14 @@ def _located(held: MapLines, own: _Own, start: int, likelihood: Likelihood) -> d
     """The row of a start."""
     begin, path_m = start, own.path_m
     end = int(np.searchsorted(path_m, path_m[start] + MOST_M, side="right"))
-    # Beyond a gap of the travel the stops before it say nothing.
+    # Beyond a gap of the travel the stops before it carry no information.
     end = min(end, int(np.searchsorted(own.leg, own.leg[start], side="right")))
     last: anywhere.Report | None = None
     at, tries = start, 0
     while begin < end:
         tries += 1
         for at, report in _followed(held, own, begin, end, likelihood):
-            # Each time that places are proposed anew is another chance to be wrong.
+            # Each new proposal of places is another chance to be wrong.
             last = report._replace(p_false=jnp.minimum(tries * report.p_false, 1.0))
             if last.p_false < RISK:
                 return _row(held, own, start, at, last, "ok")

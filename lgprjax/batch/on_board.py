@@ -26,15 +26,15 @@ from lgprjax.registration.fix import blank_fixes
 
 
 class OnBoard(NamedTuple):
-    """What a vehicle's search was given, scan by scan, and what it found.
+    """Inputs and results of the search on board, per scan.
 
     Attributes:
-        scan: number in the drive log.
-        begins: first of a search, which knows nothing from before.
-        valid: channels that were used.
+        scan: number of the scan in the drive log.
+        begins: whether the scan is the first of a new search, without earlier state.
+        valid: mask of the channels used.
         track: priors.
-        code: of the fix; ``NO_WINDOW`` where the scan has none of its own.
-        fix_m: east and north of the array's centre as found; NaN without.
+        code: code of the fix; ``NO_WINDOW`` for scans without a fix of their own.
+        fix_m: east and north of the fix of the array's centre; NaN without a fix.
     """
 
     scan: Int[np.ndarray, " searched"]
@@ -46,10 +46,10 @@ class OnBoard(NamedTuple):
 
 
 def on_board_of(log: DriveLog, frame: LocalFrame) -> OnBoard | None:
-    """The search as it was made on board, in a map's frame; ``None`` of a log that holds none.
+    """The search made on board, in a map's frame; ``None`` for a log without one.
 
     Raises:
-        InputError: it was made on a map of another frame.
+        InputError: the search was made on a map of another frame.
     """
     told = log.description.on_board
     if told is None:
@@ -60,7 +60,7 @@ def on_board_of(log: DriveLog, frame: LocalFrame) -> OnBoard | None:
         expected, found = f"the map of the run, anchored at {latitude:.6f}, {longitude:.6f}", "another map"
         raise InputError(log.path, "/on_board", expected, found)
     scans, count = told.scans, len(told.scans["scan"])
-    # As it was given, to the bit: a peak may stand between two points of a lattice.
+    # The priors bit by bit, because a peak may be between two points of a lattice.
     track = Track(
         scans["pose_m"],
         scans["travel_m"],
@@ -111,12 +111,12 @@ def placed(parts: list[DriveFixes], numbers: list[Int[np.ndarray, "..."]], scans
 
 
 class Agreement(NamedTuple):
-    """Fixes found again against those of the run.
+    """Agreement of repeated fixes with those of the run.
 
     Attributes:
-        fixes: scans with a fix of their own on board.
-        same_code: of these.
-        largest_m: between the places of one code.
+        fixes: number of scans with a fix of their own on board.
+        same_code: number of these with the same code.
+        largest_m: largest distance between positions with the same code.
     """
 
     fixes: int
@@ -125,13 +125,13 @@ class Agreement(NamedTuple):
 
     @property
     def told(self) -> str:
-        """One line."""
+        """The agreement in one line."""
         off = f"at most {1e3 * self.largest_m:.2g} mm apart" if self.same_code else "none"
         return f"as on board: {self.same_code} of {self.fixes} fixes with the same code, {off}"
 
 
 def agreement(searched: OnBoard, fix: Fix) -> Agreement:
-    """How far fixes of a drive agree with those that its run was driven by."""
+    """Compare fixes of a drive with those made during its run."""
     own = searched.code != Code.NO_WINDOW
     at = searched.scan[own]
     same = np.asarray(fix.code)[at] == searched.code[own]
@@ -143,7 +143,7 @@ def agreement(searched: OnBoard, fix: Fix) -> Agreement:
 
 
 def options_as_provenance(options: RegisterOptions) -> dict[str, Any]:
-    """What a run decides about its search."""
+    """Options of a search as JSON for the provenance."""
     own = options.own_thresholds
     return {
         "search_m": options.search_m,
@@ -157,7 +157,7 @@ def options_as_provenance(options: RegisterOptions) -> dict[str, Any]:
 
 
 def options_on_board(log: DriveLog) -> RegisterOptions | None:
-    """The search that a run was made with; ``None`` of a log that does not say."""
+    """Kind of search of a run; ``None`` for a log that does not state it."""
     told = log.description.provenance.get("registration")
     if not isinstance(told, dict):
         return None

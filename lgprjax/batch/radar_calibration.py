@@ -1,7 +1,7 @@
-"""Calibration of a stepped-frequency radar from sweeps of an array that stands still: look-up and channel response.
+"""Calibration of a stepped-frequency radar from sweeps of a stationary array: look-up and channel response.
 
 Sweeps are divided by their calibration sweep and averaged over groups of consecutive scans; the median over the groups
-is the calibration. It is not changed by disturbances of fewer than half of the groups.
+is the calibration. Disturbances of fewer than half of the groups do not change it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +26,7 @@ from lgprjax.radar import estimate_channel_response, find_dead_channels
 from lgprjax.wire import decode
 
 _LEAST_SCANS = 64
-"""As many as dead channels are found by."""
+"""Least number of scans, as for the detection of dead channels."""
 _GROUPS = 16
 _AT_LIMIT, _PLACES = 0.05, 3
 """Parts of sweeps are saturated if this share of the scans is at the largest value, at three frequencies or more."""
@@ -45,10 +45,10 @@ class SweepSource(NamedTuple):
     """Recorded sweeps.
 
     Attributes:
-        path: for messages.
-        layout: of the sweeps.
+        path: path of the recording, for messages.
+        layout: layout of the sweeps.
         scans: number of scans.
-        blocks: the scans, in as many blocks as the argument says.
+        blocks: function that returns the scans in the given number of blocks.
     """
 
     path: Path
@@ -158,10 +158,10 @@ class _Extreme(NamedTuple):
 
 
 class StandingSweeps(NamedTuple):
-    """Sweeps of an array that stands still, averaged over groups of consecutive scans.
+    """Sweeps of a stationary array, averaged over groups of consecutive scans.
 
     Attributes:
-        layout: of the sweeps.
+        layout: layout of the sweeps.
         scans: number of scans.
         ratio: sweeps divided by the calibration channel; NaN without a valid scan.
         calibration: sweeps of the calibration channel.
@@ -251,7 +251,7 @@ def _rms_of(noise: Float[np.ndarray, "group row"]) -> Float[np.ndarray, " row"]:
 
 
 def _rms(values: np.ndarray) -> np.ndarray:
-    """Over frequency."""
+    """Root mean square over frequency."""
     return np.asarray(np.sqrt(np.mean(np.abs(values) ** 2, axis=-1)))
 
 
@@ -338,10 +338,10 @@ class Calibrated(NamedTuple):
     """A calibration and its checks.
 
     Attributes:
-        known: the calibration.
-        checks: of its recording.
-        standing: the averaged sweeps.
-        echo: plate without look-up, of a calibration over a plate; zero for channels that are not valid.
+        known: calibration.
+        checks: health figures of its recording.
+        standing: averaged sweeps.
+        echo: echo of the plate minus the look-up, for a calibration over a plate; zero for invalid channels.
     """
 
     known: SweepRecording
@@ -366,12 +366,12 @@ def lookup_of(standing: StandingSweeps) -> Calibrated:
 def response_of(standing: StandingSweeps, lookup: SweepRecording, place: Path) -> Calibrated:
     """Gain and delay of each channel from sweeps over a metal plate that is equally far from all channels.
 
-    Channels whose echo disagrees with that of the others are not used.
+    Channels whose echo disagrees with the others are not used.
 
     Args:
         standing: sweeps over the plate.
-        lookup: of the same array in empty space.
-        place: for messages.
+        lookup: look-up of the same array in empty space.
+        place: path of the recording, for messages.
 
     Raises:
         InputError: no channel has a signal in both.

@@ -30,7 +30,7 @@ def radar_figures(
 
     Args:
         blocks: levels of the recording.
-        time_s: of the scans.
+        time_s: scan times.
         path_m: metres travelled since the first scan.
     """
     place = BlockStretches(blocks.first, time_s, path_m)
@@ -200,7 +200,7 @@ _NARROW = 25.0  # power of one frequency's noise over its block's median that no
 
 
 class SweepLevels(NamedTuple):
-    """Levels that only sweeps have, one row a block.
+    """Levels that only sweeps have, one row per block.
 
     Attributes:
         calibration: mean calibration sweep divided by that of the look-up sweeps; NaN without any.
@@ -262,7 +262,7 @@ def sweep_figures(
 
     Args:
         blocks, levels: levels of the recording.
-        time_s: of the scans.
+        time_s: scan times.
         path_m: metres travelled since the first scan.
     """
     place = BlockStretches(blocks.first, time_s, path_m)

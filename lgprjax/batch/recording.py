@@ -39,7 +39,7 @@ _OTHER_SENSOR = "a different sensor from the map's, or a wrong sensor descriptio
 _BAND_SHARE = 0.5
 """A recording that covers less than this share of a map's band is refused."""
 _HEAD_SCANS = 64
-"""Scans used to detect dead channels: the same for every reader of a drive, wherever it begins."""
+"""Scans used to detect dead channels: the same for every reader of a drive, at any start."""
 
 
 class RecordedBlock(NamedTuple):
@@ -61,7 +61,7 @@ class TraceDrive:
         self._recording = recording
 
     def chain(self, scan_spacing_m: float, centre_frequency_hz: float | None) -> ChainSettings:
-        """Settings for a map that begins with this drive. Raises ``InputError`` where no frequency is known."""
+        """Settings for a map that begins with this drive. Raises ``InputError`` without a known frequency."""
         frequency_hz = self._recording.centre_frequency_hz if centre_frequency_hz is None else centre_frequency_hz
         if frequency_hz is None:
             place = "/radar/traces@centre_frequency_hz"
@@ -129,7 +129,7 @@ class SweepDrive:
             raise InputError(log.path, "/radar/lookup_calibration_sweep", "non-zero values", zeros)
 
     def chain(self, scan_spacing_m: float, centre_frequency_hz: float | None) -> ChainSettings:
-        """Settings for a map that begins with this drive: a sweep has its band, and no frequency is needed."""
+        """Settings for a map that begins with this drive; sweeps define their band, so no frequency is needed."""
         if centre_frequency_hz is not None:
             expected = "no --centre-frequency-mhz: sweeps define their band"
             raise InputError(self._log.path, "/radar/frequencies_hz", expected, f"{centre_frequency_hz / 1e6:g} MHz")
@@ -207,8 +207,8 @@ class DriveTrack(NamedTuple):
         track: prior pose of the array's centre, travel and speed, at every scan.
         ground_up_m: up coordinate of the ground under the vehicle.
         jumps_bridged: jumps of the recorded travel that were removed.
-        breaks: jumps across which the travel is unknown: legs of the track begin there.
-        travel_scale: by which the recorded travel was multiplied.
+        breaks: number of jumps across which the travel is unknown; legs of the track begin there.
+        travel_scale: factor applied to the recorded travel.
     """
 
     track: Track
@@ -274,12 +274,12 @@ def track_of_drive(log: DriveLog, frame: LocalFrame) -> DriveTrack:
 def travel_scale(
     track: Track, array: ArrayGeometry, pose: Float[np.ndarray, "scan 5"], ok: Bool[np.ndarray, " scan"]
 ) -> float | None:
-    """``scale_by_fixes`` of the rear axle, whose travel it is.
+    """``scale_by_fixes`` for the rear axle, to which the travel refers.
 
     Args:
-        track: of the drive.
-        array: whose centre is placed.
-        pose, ok: fixes.
+        track: track of the drive.
+        array: array whose centre the fixes place.
+        pose, ok: poses of the fixes, and mask of accepted ones.
     """
     yaw = np.asarray(track.pose[:, 3], np.float64)
     lever = np.stack(body_to_local(np.zeros(len(yaw)), np.zeros(len(yaw)), yaw, *centre_of(array)), axis=1)
@@ -312,7 +312,7 @@ def travel_line(drive: DriveTrack) -> str | None:
 
 
 def _position_sigma(navigation: NavigationTrack, time_s: Float[np.ndarray, " scan"]) -> Float[np.ndarray, " scan"]:
-    """Of one axis, root mean of the variances of east and north; NaN where the log does not state them."""
+    """Standard deviation per axis: root mean of the variances of east and north, m; NaN if the log states none."""
     if navigation.sigma_east_m is None or navigation.sigma_north_m is None:
         return np.full(len(time_s), np.nan)
     variance = 0.5 * (navigation.sigma_east_m**2 + navigation.sigma_north_m**2)
@@ -390,7 +390,7 @@ def gnss_gaps(log: DriveLog) -> Bool[np.ndarray, " scan"]:
 #
 # Receivers of traces amplify with travel time, by up to 60 dB, and do not record by how much; sweeps are not amplified.
 # A map's depth gain equalises the recordings of its own baselines. A drive of the other kind is first given the levels
-# over depth of the map's traces; a drive of the same kind is left as it is.
+# over depth of the map's traces; a drive of the same kind is unchanged.
 
 _STRETCHES = 8
 _SCANS = 128  # of a stretch
@@ -403,13 +403,13 @@ class Alignment(NamedTuple):
     """Changes that bring a drive's traces into agreement with the map.
 
     Attributes:
-        sign: +1 or -1.
-        later_ns: time zero is later than stated by this.
-        levelled: its levels over depth are adjusted to the map's.
-        reversed: the line ran the other way.
+        sign: polarity, +1 or -1.
+        later_ns: delay of time zero relative to the stated value.
+        levelled: whether the levels over depth are adjusted to the map's.
+        reversed: whether the line ran in the opposite direction.
         chance: probability that foreign ground leads to this result, over all hypotheses tried; 0 if the drive is used
             as stated.
-        told: the result as one line; ``None`` if nothing had to be changed.
+        told: the result in one line; ``None`` without changes.
     """
 
     sign: int = 1
@@ -432,9 +432,9 @@ def depth_level(
     """RMS at each depth of the signal that changes along a drive: over eight stretches, each minus its mean.
 
     Args:
-        recording: the drive.
-        operator: its matrix.
-        track: of the drive; stretches are defined by travel, not by time.
+        recording: recording of the drive.
+        operator: matrix from recorded numbers to samples.
+        track: track of the drive; stretches are defined by travel, not by time.
         stretch_m: length of a stretch, that of the background removal.
     """
     path_m = np.cumsum(np.abs(np.diff(track.travel_m, prepend=track.travel_m[0])))
@@ -443,7 +443,7 @@ def depth_level(
         places_m = begin_m + np.arange(_SCANS) * (stretch_m / _SCANS)
         wanted = np.unique(np.minimum(np.searchsorted(path_m, places_m), len(path_m) - 1))
         first = int(wanted[0])
-        # A stretch in which the vehicle crept or stood is cut short.
+        # A stretch with slow motion or standstill is cut short.
         wanted = wanted[wanted < first + _REACH]
         block = next(recording.blocks(_REACH, first))
         recorded, valid = block.recorded[wanted - first], block.valid[wanted - first]
@@ -477,17 +477,17 @@ def level_ratio(
 
 
 def live_operators(source: MapFile, log: DriveLog, track: Track, alignment: Alignment = AS_STATED) -> Operators:
-    """The matrices of a live drive for a map: those of its recording, at the map's levels where the kinds differ.
+    """Matrices of a live drive for a map: those of its recording, scaled to the map's levels if the kinds differ.
 
     Args:
-        source: the map.
-        log: the live drive.
-        track: of the drive.
+        source: map.
+        log: log of the live drive.
+        track: track of the drive.
         alignment: sign, time zero and levels to adjust to the map's.
 
     Returns:
-        time scale (see ``RegisterOptions``) to matrix. It raises ``InputError`` if the recording cannot be used, or
-        covers too little of the map's band.
+        Function from time scale (see ``RegisterOptions``) to matrix. It raises ``InputError`` if the recording cannot
+        be used, or covers too little of the map's band.
     """
     recording, settings = recording_of(log), source.description.settings
     kept = len(source.description.gain)
@@ -499,7 +499,7 @@ def live_operators(source: MapFile, log: DriveLog, track: Track, alignment: Alig
 
     @cache
     def ratio() -> Float[np.ndarray, " sample"] | None:
-        # Maps made before sweeps were supported do not say: they hold traces.
+        # Maps made before sweeps were supported state no kind: they hold traces.
         if not alignment.levelled and recording.kind == source.provenance.get("recording", TraceDrive.kind):
             return None
         plain = profiles(kept)

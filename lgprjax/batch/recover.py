@@ -53,16 +53,16 @@ _HOLE_S = 1.0
 
 
 class RecordedTracks(NamedTuple):
-    """What a run without a map has in place of it: tracks from the messages of its receiver, in seconds since
-    the run's clock, and facts of the array that its radar does not state.
+    """Substitute for the map in a run without one: tracks from the receiver's messages, in seconds of the run's clock,
+    and facts of the array that its radar does not state.
 
     Attributes:
         navigation: poses of the vehicle.
         odometry: travel along them, for runs without an odometer.
-        origin: how headings were obtained, in words.
-        channel_pitch_m: spacing of the channels, where the vehicle file does not state their places.
-        centre_frequency_hz: of the antennas.
-        frame: of the decisions of the autopilot; ``None`` where there are none.
+        origin: description of the source of headings.
+        channel_pitch_m: spacing of the channels, if the vehicle file does not state their positions.
+        centre_frequency_hz: centre frequency of the antennas.
+        frame: frame of the autopilot's decisions; ``None`` without any.
     """
 
     navigation: NavigationTrack
@@ -74,20 +74,20 @@ class RecordedTracks(NamedTuple):
 
 
 class RunTracks:
-    """Tracks of a drive log, in seconds since a moment.
+    """Tracks of a drive log, in seconds since a reference time.
 
     Args:
-        signals: of the run.
-        mono_ns: the moment, by the computer's monotonic clock.
-        source: the map that was driven on, or the tracks of a run that only records.
-        position_sigma_m: of the positions.
+        signals: signals of the run.
+        mono_ns: reference time on the computer's monotonic clock, ns.
+        source: map of the run, or the tracks of a run that only records.
+        position_sigma_m: standard deviation of the positions.
 
     Attributes:
         navigation: poses of the vehicle from GNSS/INS and odometry.
-        odometry: of the drive-by-wire box.
-        vehicle: its signals, ``None`` without a status of the box; commands only where a control tick ran.
-        plan: decisions of the control ticks, likewise.
-        seconds: from the first to the last record of navigation.
+        odometry: odometry of the drive-by-wire box.
+        vehicle: signals of the vehicle, ``None`` without a status of the box; commands only where a control tick ran.
+        plan: decisions of the control ticks, where they ran.
+        seconds: time from the first to the last record of navigation.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class RunTracks:
         self.vehicle = self._vehicle()
         if isinstance(source, RecordedTracks):
             self.navigation, self.plan, self._longest_s = source.navigation, self._plan(source.frame), _HOLE_S
-            # An odometer that fell silent would end the drive there.
+            # A silent odometer would end the drive there.
             box_s, nav_s = self.odometry.time_s, self.navigation.time_s
             whole = len(box_s) > 1 and box_s[0] < nav_s[0] + _HOLE_S and box_s[-1] > nav_s[-1] - _HOLE_S
             self.odometry = self.odometry if whole else source.odometry
@@ -109,7 +109,7 @@ class RunTracks:
         self.seconds = float(self.navigation.time_s[-1] - self.navigation.time_s[0])
 
     def seconds_of(self, times_ns: np.ndarray) -> Float[np.ndarray, " row"]:
-        """Times of the log."""
+        """Times in seconds of the log."""
         return np.asarray(1e-9 * (times_ns - self._mono_ns).astype(np.float64))
 
     def scans_kept(self) -> Bool[np.ndarray, " scan"]:
@@ -208,10 +208,11 @@ class RunDrive(NamedTuple):
     """Contents of a drive log made from a run.
 
     Attributes:
-        scans: in it.
-        left_out: scans of the run that are not: their stamps do not rise, their shape is not that of the radar's
-            description, the radar told another description or look-up before them, or the vehicle's place is unknown.
-        seconds: from its first to its last record of navigation.
+        scans: number of scans in the log.
+        left_out: number of the run's scans left out: their stamps do not rise, their shape is not that of the radar's
+            description, the radar sent another description or look-up before them, or the vehicle's position is
+            unknown.
+        seconds: time from the first to the last record of navigation.
     """
 
     scans: int
@@ -235,17 +236,18 @@ def write_run_drive(
     ``/gnss_ins`` holds the vehicle's poses from GNSS/INS and odometry in the map's frame, with the map's height.
 
     Args:
-        run: its folder, or an open run.
-        output: ``X.drive.h5``.
-        source: the map that was driven on, for frame, channels and ground; for a run that only records, its tracks.
-        vehicle: that drove, for the place of its array; ``None``: the array is assumed at the antenna.
-        position_sigma_m: of the positions, as the run was configured.
-        calibration: of its radar, in place of the radar's own look-up and of gains and delays of the vehicle file.
-        force: replace an output that exists.
+        run: folder of the run, or an open run.
+        output: path of ``X.drive.h5``.
+        source: map of the run, for frame, channels and ground; for a run that only records, its tracks.
+        vehicle: vehicle of the run, for the position of its array; ``None``: the array is assumed at the antenna.
+        position_sigma_m: standard deviation of the positions from the run's configuration.
+        calibration: calibration of the radar, in place of the radar's own look-up and of the vehicle file's gains and
+            delays.
+        force: whether to replace an existing output.
 
     Raises:
-        InputError: there is no run, or neither navigation nor odometry in it; the vehicle file does not say where the
-            array is; the calibration is of other sweeps; the output exists (without ``force``) or cannot be written.
+        InputError: there is no run, or neither navigation nor odometry in it; the vehicle file lacks the array's
+            position; the calibration is of other sweeps; the output exists (without ``force``) or cannot be written.
     """
     reading = run if isinstance(run, RunReading) else read_run(run)
     clock = reading.clock
@@ -307,7 +309,7 @@ def write_run_drive(
 def _recording(
     signals: RunSignals, source: MapFile | RecordedTracks, vehicle: VehicleFile | None, calibration: str | Path | None
 ) -> TraceRecording | SweepRecording:
-    """What the radar said of its scans."""
+    """The recording's description from the radar's messages."""
     radar = signals.radar
     assert radar is not None
     layout = layout_of(radar)
@@ -416,10 +418,10 @@ def _write_scans(
 
 
 def _array(vehicle: VehicleFile | None, pitch_m: float | None, radar: np.void, folder: Path) -> ArrayGeometry:
-    """Where the channels are.
+    """Positions of the channels.
 
     Raises:
-        InputError: the spacing of the channels is not known.
+        InputError: the spacing of the channels is unknown.
     """
     channels, period_s = int(radar["channels"]), 1e-6 * float(radar["scan_period_us"])
     if pitch_m is None and channels > 1 and (vehicle is None or vehicle.array.channel_y_m is None):
@@ -449,7 +451,7 @@ def _provenance(reading: RunReading, source: MapFile | RecordedTracks) -> dict[s
 
 
 def _origin(source: MapFile | RecordedTracks) -> dict[str, object]:
-    """Where poses and frequency come from."""
+    """Sources of poses and frequency, for the provenance."""
     if isinstance(source, RecordedTracks):
         return {"gnss_ins": source.origin, "centre_frequency": "as configured"}
     return {

@@ -93,7 +93,7 @@ class HeldGround:
         return self._prepared
 
     def likelihood_for(self, array: ArrayGeometry, source: MapFile) -> Likelihood:
-        """What foreign ground scores for an array of so many channels, measured once."""
+        """Scores of foreign ground for an array's number of channels, measured once."""
         channels = len(array.x_m)
         if channels not in self._likelihoods:
             self._likelihoods[channels] = likelihood_of(source, self.ground, array, self._options)
@@ -214,10 +214,10 @@ def fixes_table(fix: Fix, time_s: Float[np.ndarray, " scan"], frame: LocalFrame,
 
 # Polarity, time zero, gain and direction of a survey line relative to a map, found from the match itself.
 #
-# Antennas of hand-drawn radars get turned around, recorders are set up anew every morning, and a line's start is as
-# noted by hand. Against a map of another day or instrument such a drive scores zero, or less. A few stretches of it are
+# Antennas of hand-drawn radars get turned around, recorders are set up anew every morning, and a line's start is noted
+# by hand. Against a map of another day or instrument such a drive scores zero, or less. A few stretches of it are
 # matched with each of a few hypotheses; wrong ones score like foreign ground, so that the combined probability of all
-# pieces (Fisher's method) tells which one is right, or that none is.
+# pieces (Fisher's method) identifies the right one, if there is one.
 
 _STRETCHES, _STRETCH_M = 3, 16.0
 _SHIFT_PERIODS = 0.2
@@ -275,13 +275,13 @@ def find_alignment(
     """The hypothesis that agrees with the drive's ground, if there is one; else ``AS_STATED``.
 
     The stated values need no evidence. Another hypothesis is accepted only if foreign ground would hardly ever lead to
-    it, and this probability, over all that were tried, is added to that of its fixes.
+    it, and this probability, over all hypotheses tried, is added to that of its fixes.
 
     Args:
-        source: the map.
-        log: a drive of traces.
-        track: of the drive in the map's frame.
-        options: the search.
+        source: map.
+        log: log of a drive of traces.
+        track: track of the drive in the map's frame.
+        options: options of the search.
         held: ground of the map.
     """
     settings = source.description.settings
@@ -397,26 +397,26 @@ def _stretches(log: DriveLog, track: Track, length_m: float) -> Iterator[tuple[n
 
 @dataclass(frozen=True)
 class RegisteredDrive:
-    """Result of registering a drive, one row a scan, in the map's frame.
+    """Result of registering a drive, one row per scan, in the map's frame.
 
     Attributes:
-        table: the columns of the fixes CSV.
+        table: columns of the fixes CSV.
         fix: poses, covariances and quality.
         track: prior poses and travel.
-        travel_changed: one line about what was changed in the recorded travel; None where nothing was.
-        alignment: how its traces were adjusted to the map's.
-        truth: true poses of the array's centre, where the log holds them.
-        correlation_at_truth: NaN where not known.
-        time_scale: that each scan was matched at.
+        travel_changed: one line about changes to the recorded travel; ``None`` without any.
+        alignment: adjustment of its traces to the map's.
+        truth: true poses of the array's centre, if the log holds them.
+        correlation_at_truth: correlation at the true pose; NaN if unknown.
+        time_scale: time scale of each scan's match.
         map_odometry_covariance: see ``DriveFixes``.
         milliseconds_per_scan: wall time per scan of the drive, including reading and all processing, without compiling.
-        assumed: quantities of the drive that no instrument recorded, and what was assumed instead.
-        away: distance from the map, in words; None where it comes close.
-        place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
-        is_baseline: the map was made of this very drive.
-        channels: of the drive.
-        carried_back: scans whose place was found from the ground ahead of them.
-        agreement: with the fixes that a run was driven by; None of another drive, or without ``track``.
+        assumed: assumptions for unrecorded quantities of the drive, by quantity.
+        away: description of the distance from the map; ``None`` if the drive comes close.
+        place_assumed: whether the geographic position of the drive, or of the map, is assumed.
+        is_baseline: whether the map was made from this very drive.
+        channels: number of channels of the drive.
+        carried_back: mask of scans whose place was found from the ground ahead of them.
+        agreement: agreement with the fixes made during the run; ``None`` for other drives, or without ``track``.
     """
 
     name: str
@@ -467,7 +467,7 @@ def register_log(
 ) -> RegisteredDrive:
     """Register every scan of a drive log.
 
-    Traces are streamed in blocks; a few hundred bytes a scan are kept.
+    Traces are streamed in blocks; a few hundred bytes per scan are kept.
 
     Args:
         source: the database.
@@ -646,7 +646,7 @@ def write_registered(
 
 
 def true_errors(drive: RegisteredDrive) -> Float[np.ndarray, "scan 2"]:
-    """Fix minus truth along and across the true heading; NaN without an ok fix, and where no truth is known."""
+    """Fix minus truth along and across the true heading, m; NaN without an ok fix or without truth."""
     if drive.truth is None:
         return np.full((len(drive.table), 2), np.nan)
     ok = np.asarray(drive.fix.code) == Code.OK

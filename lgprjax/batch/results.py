@@ -15,14 +15,14 @@ _FEW_SCANS = 10  # of a cell: fewer say more about chance than about the ground
 
 
 class ArchiveSums(NamedTuple):
-    """Figures of an archive; ``None`` stands for what cannot be told.
+    """Figures of an archive; ``None`` if unknown.
 
     Attributes:
-        drives, failed: registered drives; drives that failed.
-        scans, tried, counts: of all drives; searched; by code.
-        way_m: driven.
-        judged, wrong: ok fixes whose truth is known; those of them more than 0.3 m off.
-        rms_along_m, rms_cross_m, largest_m: errors of the judged, in the map's frame.
+        drives, failed: number of registered and of failed drives.
+        scans, tried, counts: number of scans of all drives, of searched scans, and of scans by code.
+        way_m: distance driven.
+        judged, wrong: number of ok fixes with a known truth, and of those more than 0.3 m off.
+        rms_along_m, rms_cross_m, largest_m: errors of the judged fixes, in the map's frame.
         milliseconds_per_scan: median over the drives.
     """
 
@@ -55,9 +55,9 @@ class BadPlace(NamedTuple):
     """A cell of the map's plane, and the drive with the worst result there.
 
     Attributes:
-        cell: sums over all drives; its times are the drive's.
-        drive: name.
-        time_s: in that drive, of the largest error if it was wrong, else of its first scan without a fix.
+        cell: sums over all drives, with times of the drive.
+        drive: name of the drive.
+        time_s: time in that drive of the largest error if it was wrong, else of its first scan without a fix.
         east_m, north_m: middle of the cell.
     """
 

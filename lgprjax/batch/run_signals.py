@@ -18,20 +18,20 @@ class RunSignals(NamedTuple):
     """A run without its samples. Times are monotonic, ns, and strictly rising.
 
     Attributes:
-        scan_ns: of each scan in the order of the recording, whether kept or not.
-        scan_kept: whether its time rises, its shape is as in ``radar``, and the radar had not told another description
+        scan_ns: time of each scan in the order of the recording, whether kept or not.
+        scan_kept: whether its time rises, its shape is as in ``radar``, and the radar had not sent another description
             or look-up since.
         radar: ``radar_description`` or ``radar_sweep_description`` at the first scan, ``None`` if the radar never sent
             one.
         lookup: ``radar_lookup`` of a stepped-frequency radar at the first scan, ``None`` if it never sent one.
         box_ns, box: ``drive_status`` frames.
-        pedals: throttle and brake of the command that the box had taken at each of them, by its number; NaN if that is
-            not in the recording.
-        travel_m: from the box, one distance over all its starts.
+        pedals: throttle and brake of the box's command at each frame, found by its number; NaN if the command is not in
+            the recording.
+        travel_m: distance by the box, continued over its restarts.
         prior_ns, prior: valid ``prior`` payloads.
         plan_ns, plan: ``plan`` payloads.
-        searched, searched_scan: ``searched`` payloads, and which scan of the recording each is about.
-        found: the ``fix`` payload of each.
+        searched, searched_scan: ``searched`` payloads, and the number of each one's scan in the recording.
+        found: ``fix`` payload of each.
     """
 
     scan_ns: Int[np.ndarray, " scan"]
@@ -210,18 +210,18 @@ def scan_frames(run: RunReading, name: str = "radar_scan") -> Iterator[bytes]:
 
 
 _SCANS = {"radar_scan": ("radar_description",), "radar_sweep": ("radar_sweep_description", "radar_lookup")}
-"""What a radar tells of its scans, by the message that these come in."""
+"""Messages that describe a radar's scans, by the message of the scans."""
 _TOLD = frozenset(name for told in _SCANS.values() for name in told)
 
 
 class _Said:
-    """What the radar told of its scans, and which of them were made as it had told at the first one.
+    """The radar's descriptions of its scans, and the scans that agree with the description of the first one.
 
-    A drive log has one description for all of its scans. A radar that was started anew with other settings, or took
-    its look-up anew, tells so before it goes on; the same ones told again change nothing.
+    A drive log has one description for all of its scans. A radar restarted with other settings, or with a new look-up,
+    sends them before it continues; repeated identical descriptions change nothing.
 
     Args:
-        described: messages that describe the scans, by the message that these come in.
+        described: messages that describe the scans, by the message of the scans.
     """
 
     def __init__(self, described: dict[str, tuple[str, ...]]) -> None:
@@ -238,17 +238,17 @@ class _Said:
             self._first[name] = frame
 
     def scan(self, name: str) -> None:
-        """A scan; before anything was told it is taken for one of what is told first."""
+        """Add a scan; scans before the first description use that description."""
         told = [each for each in self._described[name] if each in self._now]
         self._settled.update(told)
         self._as_at_first[name].append(all(self._now[each].fields == self._first[each].fields for each in told))
 
     def first(self, name: str) -> Frame | None:
-        """What was told at the first scan; ``None`` if it never was."""
+        """A message's description at the first scan; ``None`` if there is none."""
         return self._first.get(name)
 
     def as_at_first(self, name: str) -> Bool[np.ndarray, " scan"]:
-        """Of the scans that came in a message, those made as the radar had told at the first one."""
+        """Mask of a message's scans that agree with the description at the first scan."""
         return np.array(self._as_at_first[name], bool)
 
 

@@ -21,10 +21,10 @@ class RecordingTraits(NamedTuple):
     """Properties of a recording that the reduction needs.
 
     Attributes:
-        samples: a trace.
-        interval_ns: between samples.
-        frequency_hz: of the antennas.
-        rails: limits of the receiver's values, zero level removed; None where the stored type has none.
+        samples: number of samples per trace.
+        interval_ns: sample interval.
+        frequency_hz: centre frequency of the antennas.
+        rails: limits of the receiver's values, zero level removed; ``None`` if the stored type has none.
         half_count: half the quantisation step: noise below it cannot be measured.
     """
 
@@ -55,20 +55,21 @@ class BlockRow(NamedTuple):
 
 
 class SignalBlocks(NamedTuple):
-    """Levels of a recording, one row a block.
+    """Levels of a recording, one row per block.
 
     Attributes:
         first: first scan of each block, and the number of scans as the last entry.
-        direct: direct wave relative to the array's at the start: 1 where nothing changes.
+        direct: direct wave relative to the array's at the start; 1 without change.
         level: RMS of the steady signal in the direct wave's window, in counts.
         noise: RMS of the late part of the record, from differences of neighbouring scans; NaN where there are none.
         repeated: traces identical to the previous one.
         clipped: traces clipped outside the direct wave's window.
         used: valid traces.
-        invalid: scans with a channel marked invalid; ``non_finite`` those with NaN or infinite samples.
+        invalid: number of scans with a channel marked invalid.
+        non_finite: number of scans with NaN or infinite samples.
         bursts: scans with far more noise than the block.
         clipped_direct: clipped samples per trace within the direct wave's window.
-        variance, noise_variance: of the samples about their block's mean, and the part of it that is noise.
+        variance, noise_variance: variance of the samples about their block's mean, and its noise part.
         noise_spectrum: power of the differences of scans over frequency.
         polarity: correlation of each channel's steady signal with the array's typical one.
         recorded: the recording.
@@ -109,8 +110,8 @@ class SignalReducer:
     """Reduces blocks of scans, fed in order.
 
     Args:
-        channels: of the recording.
-        recorded: how it was recorded.
+        channels: number of channels of the recording.
+        recorded: properties of the recording.
     """
 
     def __init__(self, channels: int, recorded: RecordingTraits) -> None:
@@ -186,7 +187,7 @@ class SignalReducer:
         peak, half = int(np.argmax(np.abs(array[:early]))), max(4, round(1.25 * self._recorded.period_samples))
         self._window = slice(max(peak - half, 0), peak + half + 1)
         wave = array[self._window] - np.mean(array[self._window])
-        # Clipped samples say nothing about the gain.
+        # Clipped samples carry no information on the gain.
         self._wave = np.where(clips[..., self._window].mean(axis=(0, 1)) > 0.01, 0.0, wave)
 
     def _direct(

@@ -86,17 +86,17 @@ def trajectory_of_track(log: DriveLog, *, truth: bool) -> Trajectory:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """What two registrations of a drive have in common, and where they part. None where nothing is comparable.
+    """Comparison of two registrations of a drive. Figures are ``None`` if nothing is comparable.
 
     Attributes:
-        scans: of the drive.
-        ok_first, ok_second, ok_both: scans with a position.
-        codes: scans by the two codes, those that differ; most first.
-        rms_along_m, rms_cross_m, largest_m: second minus first, where both are ok, about the first's heading.
-        within_95: share of these differences that their two sigmas cover with 95 %.
-        apart: scans, both ok, more than ``WRONG_M`` apart: one of the two is wrong.
-        apart_at: first and last scan of each run of them.
-        median_correlation_first, median_correlation_second: of the ok fixes.
+        scans: number of scans of the drive.
+        ok_first, ok_second, ok_both: number of scans with a position.
+        codes: number of scans by their two codes, for different codes, most frequent first.
+        rms_along_m, rms_cross_m, largest_m: second minus first, where both are ok, in axes of the first's heading.
+        within_95: share of these differences within the 95 % interval of the combined sigmas.
+        apart: number of scans, both ok, more than ``WRONG_M`` apart, so that one of the two is wrong.
+        apart_at: first and last scan of each run of these scans.
+        median_correlation_first, median_correlation_second: median correlation of the ok fixes.
     """
 
     scans: int
@@ -114,12 +114,12 @@ class Comparison:
     median_correlation_second: float | None
 
     def as_json(self) -> dict[str, object]:
-        """Everything, ready for ``json.dump``."""
+        """All fields, ready for ``json.dump``."""
         return asdict(self)
 
 
 _CHI2_95 = 5.991
-"""Of two degrees of freedom."""
+"""95 % quantile of chi-square with two degrees of freedom."""
 
 
 def compare_fixes(first: pd.DataFrame, second: pd.DataFrame, path: str | Path) -> Comparison:
@@ -127,10 +127,10 @@ def compare_fixes(first: pd.DataFrame, second: pd.DataFrame, path: str | Path) -
 
     Args:
         first, second: fixes of one drive.
-        path: of the second, for the message.
+        path: path of the second file, for the message.
 
     Raises:
-        InputError: the two are of different drives.
+        InputError: the fixes are of different drives.
     """
     hashes = [drive_hash_of(table) for table in (first, second)]
     if None not in hashes and hashes[0] != hashes[1]:

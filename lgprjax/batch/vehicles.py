@@ -27,14 +27,14 @@ from lgprjax.vehicle import (
 
 
 def chassis_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Chassis:
-    """The chassis that a file describes, scalars in float32.
+    """The chassis of a vehicle file, scalars in float32.
 
-    Measured rear wheel angles, where the file has them, take precedence over ``steering.rear_ratio``. Without a
+    Measured rear wheel angles, if the file has them, take precedence over ``steering.rear_ratio``. Without a
     characteristic speed there is no slip.
 
     Args:
-        vehicle: a counter-steered one.
-        path: its file, for errors.
+        vehicle: file of a counter-steered vehicle.
+        path: path of the file, for error messages.
 
     Raises:
         InputError: a skid-steered vehicle, or a required number is not in the file.
@@ -63,13 +63,13 @@ def _rear_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Rear:
 
 
 def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
-    """The servo that a file describes, scalars in float32: parts that the file does not describe are off.
+    """The servo of a vehicle file, scalars in float32; parts that the file does not describe are off.
 
     Lag and rate are required. Without voltages the torque is full at any supply from 1 V.
 
     Args:
-        vehicle: the vehicle.
-        path: its file, for errors.
+        vehicle: vehicle file.
+        path: path of the file, for error messages.
 
     Raises:
         InputError: a required number is not in the file, or one voltage without the other.
@@ -91,11 +91,11 @@ def servo_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Servo:
 
 
 def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals | None:
-    """Both pedals that a file describes, scalars in float32; ``None`` where it says that the kit only steers.
+    """Both pedals of a vehicle file, scalars in float32; ``None`` if the kit only steers.
 
     Args:
-        vehicle: the vehicle.
-        path: its file, for errors.
+        vehicle: vehicle file.
+        path: path of the file, for error messages.
 
     Raises:
         InputError: a required number is not in the file.
@@ -121,14 +121,14 @@ def pedals_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Pedals
 
 
 def filter_model_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> FilterModel:
-    """The navigation filter's model that a file describes: noises that are missing take their defaults.
+    """The navigation filter's model of a vehicle file; missing noises take their defaults.
 
-    Without an antenna in the file GNSS positions are taken as those of the rear axle, as drive logs hold them. The
-    point without slip is that of small wheel angles.
+    Without an antenna in the file GNSS positions are taken as those of the rear axle, as in drive logs. The point
+    without slip is that of small wheel angles.
 
     Args:
-        vehicle: a counter-steered one.
-        path: its file, for errors.
+        vehicle: file of a counter-steered vehicle.
+        path: path of the file, for error messages.
 
     Raises:
         InputError: a skid-steered vehicle, or a required number is not in the file.
@@ -155,16 +155,16 @@ def _needed(path: str | Path, place: str, value: float | None) -> float:
     return value
 
 
-# What a run needs of a counter-steered vehicle, and what of it is still open.
+# Numbers of a counter-steered vehicle that a run needs, and those that are still open.
 
 
 class NeededNumber(NamedTuple):
     """A number of the vehicle file that driving needs.
 
     Attributes:
-        path: in the file; alternatives are separated by a bar.
-        why: what needs it.
-        step: of ``lgprjax calibrate`` that finds it; "tape" or "data sheet" for what the crew states.
+        path: path in the file; alternatives are separated by a bar.
+        why: use of the number.
+        step: step of ``lgprjax calibrate`` that finds it; "tape" or "data sheet" for numbers stated by the crew.
     """
 
     path: str
@@ -199,7 +199,7 @@ NEEDED_TO_DRIVE = (
         for key in ("short_m", "long_m", "slow_mps", "fast_mps")
     ),
 )
-"""In the order in which a new vehicle gets them."""
+"""Numbers in the order in which a new vehicle gets them."""
 
 
 def open_numbers(vehicle: VehicleFile, *, radar: bool = True) -> list[NeededNumber]:
@@ -233,10 +233,10 @@ def require_drivable(vehicle: VehicleFile, path: str | Path, *, radar: bool) -> 
 def array_of_vehicle(
     vehicle: VehicleFile, path: str | Path, *, channels: int, pitch_m: float, scan_period_s: float
 ) -> ArrayGeometry:
-    """Where each channel is: as the vehicle file says, else evenly spaced as the map's.
+    """Position of each channel from the vehicle file, else evenly spaced as the map's.
 
     Raises:
-        InputError: the place of the array is missing, or a list is of another number of channels.
+        InputError: the position of the array is missing, or a list has another number of channels.
     """
     place = vehicle.array
     if place.x_m is None or place.height_m is None:
@@ -254,7 +254,7 @@ def array_of_vehicle(
 def _zero_slip_of(vehicle: VehicleFile) -> float:
     """Distance ahead of the rear axle, in metres, of the point that moves along the body's axis, at small wheel angles.
 
-    0 where the rear wheels do not steer, or the file does not say how.
+    0 if the rear wheels do not steer, or the file does not describe them.
     """
     wheelbase_m, known = vehicle.chassis.wheelbase_m, vehicle.rear_map or vehicle.steering.rear_ratio
     if vehicle.steering_kind != "counter_steer" or known is None or wheelbase_m is None:
@@ -272,10 +272,10 @@ def of_channels(
     path: str | Path,
     key: str,
 ) -> Float[np.ndarray, " channel"]:
-    """A list of the vehicle file, or what holds otherwise.
+    """A list of the vehicle file, or the default ``otherwise``.
 
     Raises:
-        InputError: it is of another number of channels.
+        InputError: the list has another number of channels.
     """
     if stated is None:
         return np.broadcast_to(np.asarray(otherwise, np.float64), (channels,)).copy()
@@ -297,13 +297,13 @@ class SkidVehicle(NamedTuple):
 
 
 def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> SkidVehicle:
-    """Kinematics, navigation model and tool that a file describes.
+    """Kinematics, navigation model and tool of a vehicle file.
 
     Without an antenna in the file GNSS positions are taken as those of the reference point.
 
     Args:
-        vehicle: a skid-steer one.
-        path: its file, for errors.
+        vehicle: file of a skid-steer vehicle.
+        path: path of the file, for error messages.
 
     Raises:
         InputError: another kind of vehicle, or a required number is not in the file.
@@ -326,7 +326,7 @@ def skid_setup_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Sk
 
 
 def machine_of(vehicle: VehicleFile) -> str:
-    """Name and serial number: two machines of one make are told apart by the latter."""
+    """Name and serial number, which distinguishes machines of one make."""
     return f"{vehicle.name} {vehicle.serial_number or ''}".strip()
 
 
@@ -349,7 +349,7 @@ def outline_of_vehicle(vehicle: VehicleFile, path: str | Path = "vehicle file") 
 
 
 def tool_of(vehicle: VehicleFile, path: str | Path = "vehicle file") -> Tool:
-    """The tool that a file describes; centred on the vehicle unless the file says otherwise.
+    """The tool of a vehicle file; centred on the vehicle by default.
 
     Raises:
         InputError: another kind of vehicle, or a required number is not in the file.
@@ -389,12 +389,12 @@ def pattern_settings_of(
     """Settings of a pattern for a vehicle.
 
     Args:
-        vehicle: a skid-steer one.
-        path: its file, for errors.
+        vehicle: file of a skid-steer vehicle.
+        path: path of the file, for error messages.
         overlap, order, turning_room_m, heading_rad: as in ``PatternSettings``.
 
     Raises:
-        InputError: another kind of vehicle, a required number is not in the file, or a setting out of its range.
+        InputError: the vehicle is of another kind, a required number is not in the file, or a setting is out of range.
     """
     tool = tool_of(vehicle, path)
     return PatternSettings(

@@ -30,12 +30,12 @@ class HealthFigure(NamedTuple):
     """One measured property of a drive.
 
     Attributes:
-        name: of the figure, stable for programs.
-        value: measured, in ``unit``; NaN, like the limits, where the underlying quantity was not recorded.
+        name: name of the figure, stable for programs.
+        value: measured value in ``unit``; NaN, like the limits, if the underlying quantity was not recorded.
         look, bad: limits from which the verdict is ``look`` or ``bad``; a falling pair (look above bad) means that
             small values are bad.
         verdict: the value against its limits.
-        meaning: what was measured, in one sentence.
+        meaning: description of the measured quantity, in one sentence.
         where: stretches that reach the limit of ``look``.
     """
 
@@ -97,7 +97,7 @@ class BlockStretches:
 
     Args:
         first: first scan of each block, and the number of scans.
-        time_s: of the scans.
+        time_s: scan times.
         path_m: metres travelled since the first scan.
     """
 
@@ -117,7 +117,7 @@ class BlockStretches:
         return tuple(out)
 
     def of_channels(self, mask: Bool[np.ndarray, "block channel"]) -> tuple[Stretch, ...]:
-        """The same, channel by channel."""
+        """Stretches of the blocks selected by a mask, per channel."""
         return tuple(stretch for channel in range(mask.shape[1]) for stretch in self.of(mask[:, channel], channel))
 
 

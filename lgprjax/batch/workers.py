@@ -39,9 +39,9 @@ def gpus() -> list[str]:
 
 
 def thread_variables(threads: int) -> dict[str, str]:
-    """Variables that limit BLAS and XLA to this many threads; both read them when they start.
+    """Environment variables that limit BLAS and XLA to this many threads; both read them at their start.
 
-    Equal threads give equal bits: their number decides the order of additions.
+    Equal thread numbers give bitwise equal results, because they decide the order of additions.
     """
     eigen = "--xla_cpu_multi_thread_eigen="
     flags = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if not flag.startswith(eigen)]
@@ -52,11 +52,11 @@ def thread_variables(threads: int) -> dict[str, str]:
 
 
 def worker_environment(threads: int, gpu: str | None) -> dict[str, str]:
-    """The environment of a worker.
+    """Environment of a worker.
 
     Args:
-        threads: its limit.
-        gpu: the only one that it sees; None for the CPU.
+        threads: thread limit.
+        gpu: the only visible GPU; ``None`` for the CPU.
     """
     root = str(Path(lgprjax.__file__).resolve().parents[1])
     path = os.pathsep.join(part for part in (root, os.environ.get("PYTHONPATH", "")) if part)
@@ -74,19 +74,19 @@ _ENDING_S = 10.0  # a compile cannot be interrupted
 
 
 class WorkerDiedError(Exception):
-    """A worker ended before it answered; the message says how."""
+    """A worker ended before it answered; the message describes the end."""
 
 
 class WorkerProcess:
     """A process that registers drives.
 
     Args:
-        program: its command line; the descriptor number of its connection is appended.
-        environment: of the process.
+        program: command line; the descriptor number of its connection is appended.
+        environment: environment of the process.
 
     Attributes:
-        number: of the process.
-        drive: in work; empty for none.
+        number: ID of the process.
+        drive: name of the drive in work; empty for none.
     """
 
     def __init__(self, program: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -124,7 +124,7 @@ class WorkerProcess:
         return answer
 
     def interrupt(self) -> None:
-        """As by Ctrl-C: files being written are abandoned cleanly."""
+        """Interrupt as by Ctrl-C; files being written are abandoned cleanly."""
         self._process.send_signal(signal.SIGINT)
 
     def await_end(self) -> None:
@@ -152,7 +152,7 @@ class WorkerProcess:
             raise WorkerDiedError(self._death()) from None
 
     def _death(self) -> str:
-        """How it ended, as one line."""
+        """Description of the process's end, in one line."""
         try:
             status = self._process.wait(_ENDING_S)
         except subprocess.TimeoutExpired:
@@ -349,14 +349,14 @@ _open: dict[ArchiveRun, WorkerProcess] = {}
 
 
 def run_on_scheduler(address: str, run: ArchiveRun, jobs: Sequence[Job]) -> Generator[JobOutcome, None, None]:
-    """Do all jobs on a cluster; yields outcomes as they come. Leaving it early cancels jobs that have not begun.
+    """Run all jobs on a cluster; yields outcomes as they come. Leaving it early cancels jobs that have not begun.
 
-    A job whose worker dies is given to another one by the scheduler, at most ``allowed-failures`` times.
+    The scheduler gives a job whose worker dies to another one, at most ``allowed-failures`` times.
 
     Args:
-        address: of the scheduler, as ``tcp://HOST:8786``.
-        run: the run.
-        jobs: of it.
+        address: address of the scheduler, such as ``tcp://HOST:8786``.
+        run: settings of the run.
+        jobs: jobs of the run.
 
     Raises:
         InputError: dask.distributed is not installed, or no scheduler answers.

@@ -18,7 +18,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         status = run_command(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
-        # Verbs tell of their unfinished outputs themselves; here none had begun, or all have ended.
+        # Commands report their unfinished outputs themselves; here none had begun, or all have ended.
         print("lgprjax: interrupted", file=sys.stderr)
         status = _INTERRUPTED
     sys.exit(status)

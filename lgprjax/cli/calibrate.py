@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lgprjax.studies.calibration import CalibrationStep, FittedStep
 
 _JUDGE_S = 10.0
-"""From one look at a manoeuvre that is being driven to the next."""
+"""Period at which the recording of a manoeuvre is fitted, s."""
 _IDLE_S = 8.0
 """A manoeuvre that suffices ends when neither vehicle nor steering wheel has moved for so long."""
 _STILL_SHARE, _STILL_V, _STILL_M = 0.03, 0.03, 0.05
@@ -35,7 +35,7 @@ _DRIVEN: dict[str, dict[str, Any]] = {
     "turns": {"kind": "turns", "speeds_mps": [1.0, 2.0, 3.5, 5.0, 6.5], "angles_rad": [0.1, -0.1]},
     "half_turns": {"kind": "standing"},
 }
-"""What the simulated driver does in a step; in the others the vehicle stands until it is commanded."""
+"""Manoeuvre of the simulated driver by step; in other steps the vehicle stays at standstill until commanded."""
 _PRESSES: dict[str, list[dict[str, Any]]] = {
     "none": [],
     "steering": [{"at_s": 1.0, "do": "press", "button": "steering"}],
@@ -219,7 +219,7 @@ def _calibrating(config: "RuntimeConfig", step: "CalibrationStep", vehicle: Path
     from lgprjax.runtime.config import CalibrationTable
 
     ports = config.ports.model_copy(update={"radar": None})
-    # Nobody turns a simulated vehicle round.
+    # A simulated vehicle is not turned round by a crew.
     area = {} if config.simulation is None else {"area_m": 1000.0}
     table = CalibrationTable(step=step.title, prompt=[*step.prompt], commands=step.commands, **area)
     change = {
@@ -245,14 +245,14 @@ class Judged(NamedTuple):
 
 
 class _Judge:
-    """Fits the recording of a manoeuvre that is being driven, again and again, until it suffices.
+    """Fits the recording of a running manoeuvre repeatedly until it suffices.
 
     Args:
-        step: that is driven.
-        config: of its run.
-        vehicle: file, as known so far.
+        step: calibration step of the manoeuvre.
+        config: configuration of its run.
+        vehicle: vehicle file with the numbers known so far.
         run: folder of the run.
-        logs: drive logs of the steps before.
+        logs: drive logs of the previous steps.
     """
 
     def __init__(
@@ -303,7 +303,7 @@ class _Judge:
 
     @contextmanager
     def beside(self, rings: Path) -> Iterator[None]:
-        """Look beside a run in real time: tell the page, and end the run when it suffices.
+        """Watch a run in real time: report to the page, and end the run when it suffices.
 
         A commanded manoeuvre ends when it is complete.
         """

@@ -81,7 +81,7 @@ def _run_words(words: list[str]) -> int:
 
 
 def _with_default(words: list[str]) -> list[str]:
-    """The words with the command that a group's name alone stands for."""
+    """The words, with a group's default command inserted after its name."""
     verb = all_verbs().get(words[0]) if words else None
     if (
         not isinstance(verb, VerbGroup)

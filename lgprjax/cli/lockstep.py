@@ -97,7 +97,7 @@ class _Line:
         return refused
 
     def write(self, frame: bytes) -> None:
-        """To the device."""
+        """Send a frame to the device."""
         self._send(frame)
 
     def close(self) -> None:
@@ -179,8 +179,8 @@ class LockStep:
 
         Args:
             for_s: simulated seconds.
-            report: told how far it is.
-            over: asked every simulated second whether to end.
+            report: function called with the progress.
+            over: function that decides every simulated second whether to end.
         """
         with ExitStack() as held:
             try:
@@ -207,7 +207,7 @@ class LockStep:
 
     @property
     def driven(self) -> bool:
-        """Whether the simulated driver has ended the manoeuvre, and the vehicle stands."""
+        """Whether the simulated driver has ended the manoeuvre, and the vehicle is at standstill."""
         return bool(getattr(self.stage, "finished", False)) and not abs(self._progress.speed_mps) > _STANDS_MPS
 
     @property

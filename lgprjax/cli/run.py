@@ -280,7 +280,7 @@ def in_lock_step(
         spec: of the simulated devices.
         folder: of the run.
         for_s: simulated seconds after everything is ready.
-        over: asked every second of simulated time whether to end the run.
+        over: function that decides every second of simulated time whether to end the run.
     """
     import shutil
     from contextlib import ExitStack
@@ -391,7 +391,7 @@ def _drive(config: "RuntimeConfig", folder: Path, for_s: float | None) -> int:
     status = supervised(config, folder, for_s)
     if config.coverage is None and not status:
         written = _write_drive(config, folder)
-        # A recording without its drive log is not what was asked for.
+        # Without its drive log a recording has failed.
         return BAD_INPUT if config.mode == "record" and not written else 0
     return status
 

@@ -23,7 +23,7 @@ def signed_area_m2(corners_m: Corners) -> float:
 
 
 def contains(corners_m: Corners, places_m: Float[np.ndarray, "place 2"]) -> Bool[np.ndarray, " place"]:
-    """Whether places lie inside: an odd number of sides to their right. On a side itself it may be either."""
+    """Whether places are inside: an odd number of sides to their right. On a side itself the result is arbitrary."""
     inside = np.zeros(len(places_m), bool)
     x, y = places_m.T
     for low, high in zip(corners_m, np.roll(corners_m, -1, axis=0), strict=True):
@@ -44,7 +44,7 @@ def side_distance_m(corners_m: Corners, places_m: Float[np.ndarray, "place 2"]) 
 
 
 def outside_m(corners_m: Corners, places_m: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, " place"]:
-    """How far beyond the sides places lie; 0 inside."""
+    """Distance of places beyond the sides, m; 0 inside."""
     return np.where(contains(corners_m, places_m), 0.0, side_distance_m(corners_m, places_m))
 
 
@@ -81,7 +81,7 @@ def _cross(a: Float[np.ndarray, "..."], b: Float[np.ndarray, "..."]) -> Float[np
 
 
 SQUARED_M = 0.3
-"""How far the third driven corner may be moved to make a rectangle of three corners: what driving to them leaves."""
+"""Largest shift of the third driven corner to make a rectangle, m: the error of driving to corners."""
 LARGEST_M = 2000.0
 """Widest field: the level local frame and float32 metres are valid far beyond it; a larger one indicates a wrong
 corner.
@@ -113,16 +113,17 @@ class Field:
 def field_of_corners(corners_m: Float[np.ndarray, "3 2"], *, name: str) -> Field:
     """The rectangle or parallelogram of three corners in the order in which they were driven to (MF section 2).
 
-    The first two stay where they were recorded and make the first side. Where a rectangle needs the third moved by no
-    more than ``SQUARED_M`` along that side, it is one; else the fourth corner completes a parallelogram through all
-    three.
+    The first two keep their recorded positions and make the first side. If a shift of the third by at most
+    ``SQUARED_M`` along that side makes a rectangle, the field is one; else the fourth corner completes a parallelogram
+    through all three.
 
     Args:
-        corners_m: east and north.
-        name: of the field, or its file, for errors.
+        corners_m: east and north of the corners.
+        name: name of the field or its file, for errors.
 
     Raises:
-        InputError: corners that are no numbers, lie nearly on a line, or make too small or too large a field.
+        InputError: a coordinate is not finite, the corners are nearly on a line, or the field is too small or too
+            large.
     """
     corners = np.asarray(corners_m, np.float64)
     _check_places(corners, name)
@@ -149,15 +150,15 @@ def field_of_polygon(points_m: Float[np.ndarray, "point 2"], *, name: str) -> Fi
     """The field inside a polygon, concave or not, its corners in either sense.
 
     Corners closer than a millimetre to the last one are dropped, so the first may be repeated at the end. A clockwise
-    polygon is turned round so that its first side stays the first.
+    polygon is reversed with its first side kept first.
 
     Args:
-        points_m: east and north.
-        name: of the field, or its file, for errors.
+        points_m: east and north of the corners.
+        name: name of the field or its file, for errors.
 
     Raises:
-        InputError: fewer than three separate corners, something that is no number, corners on one line, sides that
-            cross or touch, or too small or too large a field.
+        InputError: there are fewer than three separate corners, a coordinate is not finite, the corners are on one
+            line, sides cross or touch, or the field is too small or too large.
     """
     points = np.asarray(points_m, np.float64)
     _check_places(points, name)
@@ -213,16 +214,17 @@ def _thickness_m(corners: Float[np.ndarray, "corner 2"]) -> float:
     return float(np.ptp(shifted @ across))
 
 
-# The tool that works the ground: its rectangle, and its state ten times a second.
+# The tool that works the ground: its rectangle, and its state ten times per second.
 
 
 class Tool(NamedTuple):
-    """The rectangle in which the tool works, in body axes. Plain numbers: they decide sizes of programs.
+    """The rectangle in which the tool works, in body axes. Plain numbers, because they set sizes of compiled arrays.
 
     Attributes:
-        width_m: across the vehicle.
-        length_m: along it. Where the tool moves farther than this between two moments, nothing is claimed between.
-        ahead_m, left_m: of its centre from the vehicle's reference point.
+        width_m: width across the vehicle.
+        length_m: length along the vehicle. If the tool moves farther than this between two moments, nothing is claimed
+            between.
+        ahead_m, left_m: position of its centre relative to the vehicle's reference point.
     """
 
     width_m: float
@@ -232,11 +234,11 @@ class Tool(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """The rectangle that no part of vehicle and tool reaches beyond, in body axes from the reference point, metres.
+    """Bounding rectangle of vehicle and tool, in body axes from the reference point, metres.
 
     Attributes:
-        front_m, rear_m: forward; the rear is negative.
-        left_m, right_m: to the left; the right is negative.
+        front_m, rear_m: front and rear edge, forward positive; the rear is negative.
+        left_m, right_m: left and right edge, left positive; the right is negative.
     """
 
     front_m: float
@@ -258,13 +260,13 @@ def outline_of(tool: Tool, body: Outline | None = None, *, track_m: float = 0.0)
 
 
 class ToolMoment(NamedTuple):
-    """The vehicle's estimated pose and its tool at one moment; ten of them a second, or a leading axis of time.
+    """The vehicle's estimated pose and its tool at one moment (ten per second), or with a leading axis of time.
 
     Attributes:
-        x_m, y_m: reference point, east and north.
-        yaw_rad: of the body, counter-clockwise from east.
-        covariance: of x, y (m) and yaw (rad).
-        on: told to work, measured to work, at the right depth. A moment that is missing is one that is not on.
+        x_m, y_m: east and north of the reference point.
+        yaw_rad: yaw of the body, counter-clockwise from east.
+        covariance: covariance of x, y (m) and yaw (rad).
+        on: whether the tool is commanded on, measured on, and at the right depth. A missing moment counts as off.
     """
 
     x_m: Float[Array, "..."]
@@ -285,7 +287,7 @@ def tool_centre(
 # The cells that a field's record is made of: squares in rows from south to north.
 
 MOST_CELLS = 100_000_000
-"""Of one grid: 400 MB of probabilities, 25 hectares at 5 cm."""
+"""Largest number of cells of a grid: 400 MB of probabilities, 25 hectares at 5 cm."""
 
 
 @dataclass(frozen=True)
@@ -306,7 +308,7 @@ class CellGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of arrays over the cells: rows, columns."""
+        """Shape of arrays over the cells: rows, columns."""
         return self.north_cells, self.east_cells
 
     @property
@@ -318,15 +320,15 @@ class CellGrid:
 def grid_of_field(field: Field, cell_m: float, margin_m: float) -> CellGrid:
     """The grid of a field with a margin around it.
 
-    Its corner lies on whole multiples of the cell, so that the cells of two fields with one anchor coincide.
+    Its corner is at whole multiples of the cell, so that the cells of two fields with one anchor coincide.
 
     Args:
-        field: to be held.
+        field: field to cover.
         cell_m: side of a cell.
-        margin_m: at least so much beyond the perimeter; not negative.
+        margin_m: least margin beyond the perimeter; not negative.
 
     Raises:
-        InputError: a cell or margin that is no such length, or more than ``MOST_CELLS`` cells.
+        InputError: the cell or the margin is out of range, or there are more than ``MOST_CELLS`` cells.
     """
     if not (math.isfinite(cell_m) and cell_m > 0.0):
         raise InputError("grid", "cell", "a length above zero", f"{cell_m} m")
@@ -373,7 +375,7 @@ def offered_levels(own: float) -> list[float]:
 
 
 class CellState(IntEnum):
-    """Of a cell at a level. A cell that is processed is not thereby cleared: the ground has to be searched after it."""
+    """State of a cell at a level. A processed cell is not cleared: the ground still has to be searched."""
 
     NOT_PROCESSED = 0
     UNCERTAIN = 1
@@ -383,15 +385,15 @@ class CellState(IntEnum):
 def cell_states(probability: Float[Array | np.ndarray, "north east"], level: float) -> UInt8[np.ndarray, "north east"]:
     """The state of every cell, as values of ``CellState``.
 
-    Processed is what the tool passed with at least the level's probability, not processed what it passed with less
-    than one minus the level; all else is uncertain. What is no number is not processed.
+    A cell is processed if the tool passed it with at least the level's probability, not processed if it passed it with
+    less than one minus the level, or if the probability is NaN, and otherwise uncertain.
 
     Args:
-        probability: that the tool passed the cell.
-        level: 0.5 < level < 1.
+        probability: probability that the tool passed each cell.
+        level: confidence level, 0.5 < level < 1.
 
     Raises:
-        ValueError: another level.
+        ValueError: the level is out of range.
     """
     if not 0.5 < level < 1.0:
         raise ValueError(f"a level between 0.5 and 1, not {level}")

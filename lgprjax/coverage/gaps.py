@@ -36,7 +36,7 @@ _TURN_SHARE = 0.5
 _NEAR_SHARE = 0.25
 _ROUNDING = 1e-6
 _ROWS = 32
-"""Of a strip as wide as the spacing; the last of a region may have one more, rather than one more driven."""
+"""Rows of a strip as wide as the spacing; the last strip of a region may have one row more, to save a strip."""
 _SIZES = (32, 16)
 _LAST = _ROWS + 1
 _MOST_BINS = 2_000_000
@@ -48,7 +48,7 @@ _MOST_MIXED = 12_000
 _MOST_TAKEN = 6
 _MOST_LAID = 4
 _BORDER = 3.0
-"""What a cell along a border counts for: no strip is to be left over there that is narrower than a tool."""
+"""Weight of a cell along a border, so that no strip narrower than a tool remains there."""
 _COARSE = 16
 """Rows of a strip where one is taken after the other."""
 _RATES = 4
@@ -58,15 +58,15 @@ _CONNECTED = np.ones((3, 3), bool)
 
 
 class GapPlan(NamedTuple):
-    """A plan for what a record leaves.
+    """A plan for the gaps of a record.
 
     Attributes:
-        pattern: the way; its ``unreached`` no way leads to.
-        regions: that were planned for.
-        left_m2: area of their cells.
-        narrow_m2: of cells in places narrower than the least width, for which nothing is planned.
-        shut_m2: of cells that no swath passes: vehicle and tool do not fit into the ground there.
-        swath_m: of the swaths without what they go beyond their gaps.
+        pattern: pattern of the plan; its ``unreached`` lines cannot be reached.
+        regions: number of planned regions.
+        left_m2: area of the regions' cells.
+        narrow_m2: area of cells in places narrower than the least width, which are not planned.
+        shut_m2: area of cells that no swath passes, because vehicle and tool do not fit into the ground there.
+        swath_m: length of the swaths within their gaps.
     """
 
     pattern: Pattern
@@ -89,20 +89,21 @@ def plan_gaps(
     least_width_m: float = 0.0,
     name: str,
 ) -> GapPlan | None:
-    """Swaths over the cells of a field that were not worked; ``None`` where none was left, or none wide enough.
+    """Swaths over the unworked cells of a field; ``None`` if no cells are left, or none wide enough.
 
     Args:
-        field: of the first plan.
-        worked: cells that count as worked.
-        grid: of the cells.
-        ground: that is safe to drive on, see ``ground_of_sides``.
-        settings: of the pattern; its order and its turning room are not used.
-        tool: that works; outline: of vehicle and tool.
-        least_width_m: places narrower than this are left as they are.
-        name: of the record, or its file, for errors.
+        field: field of the first plan.
+        worked: mask of cells that count as worked.
+        grid: grid of the cells.
+        ground: ground that is safe to drive on, see ``ground_of_sides``.
+        settings: settings of the pattern; its order and its turning room are not used.
+        tool: working tool.
+        outline: outline of vehicle and tool.
+        least_width_m: width below which places are not planned.
+        name: name of the record or its file, for errors.
 
     Raises:
-        InputError: a map that is not of the grid's size, too many regions or strips, or no swath can be begun.
+        InputError: the map has not the grid's size, there are too many regions or strips, or no swath can be begun.
     """
     if worked.shape != grid.shape:
         raise InputError(name, "map", f"{grid.shape} cells", f"{worked.shape}")
@@ -168,7 +169,7 @@ def plan_gaps(
 def _passed(
     lines: Sequence[Line | TourSwath], places_m: Float[np.ndarray, "cell 2"], tool: Tool
 ) -> Bool[np.ndarray, " cell"]:
-    """Of places in rows from south to north, those that a tool passes on lines."""
+    """Mask of places, in rows from south to north, that a tool passes on lines."""
     passed = np.zeros(len(places_m), bool)
     half_m, more_m = 0.5 * tool.width_m, 0.5 * tool.length_m
     for line in lines:
@@ -185,17 +186,17 @@ def _passed(
 
 
 def wide_parts(cells: Bool[np.ndarray, "north east"], width: float) -> Bool[np.ndarray, "north east"]:
-    """Cells that lie in a square of so many cells' width which is all of such cells."""
+    """Mask of cells within a square of ``width`` cells that consists of masked cells only."""
     side = math.ceil(width - 1e-9)
     if side <= 1:
         return cells
-    # Beyond the map nothing is told: the border must not make a narrow place of a wide one, nor the other way round.
+    # Cells beyond the map are unknown: the border must not make a wide place narrow, nor a narrow place wide.
     opened: Bool[np.ndarray, "north east"] = ndimage.binary_opening(np.pad(cells, side), np.ones((side, side), bool))
     return opened[side:-side, side:-side]
 
 
 def _headings(places_m: Float[np.ndarray, "cell 2"], lines_rad: float, given: bool) -> list[float]:
-    """Of the lines, of a region's own sides and, unless it is large, all round; one where it was asked for."""
+    """Headings to try: of the lines, of a region's own sides and, for small regions, all round; only one if given."""
     found = [lines_rad]
     if given or len(places_m) < 3:
         return found
@@ -216,11 +217,11 @@ class _Work(NamedTuple):
     """Swaths over a region.
 
     Attributes:
-        swaths: of it.
-        needed_m: length of what they must work.
-        cost_m: their length and that of their turns.
-        passed: cells of the region that they pass.
-        heading_rad: of the longest.
+        swaths: swaths of the region.
+        needed_m: length that the swaths must work.
+        cost_m: length of the swaths and of their turns.
+        passed: number of the region's cells that the swaths pass.
+        heading_rad: heading of the longest swath.
     """
 
     swaths: list[TourSwath]
@@ -263,12 +264,12 @@ def _work(
 
 
 class _Stretch(NamedTuple):
-    """Of a strip what a swath must work.
+    """Stretch of a strip that a swath must work.
 
     Attributes:
-        heading_rad: of the strip.
-        across_m: of its middle.
-        low_m, high_m: from where to where along it.
+        heading_rad: heading of the strip.
+        across_m: position of the strip's middle across the heading.
+        low_m, high_m: start and end of the stretch along the strip.
     """
 
     heading_rad: float
@@ -299,8 +300,8 @@ def _layouts(
 ) -> list[list[_Stretch]]:
     """Stretches that work a region together, the cheapest first.
 
-    Parallel ones of each heading; and, of small regions, one after the other that which works most for its cost, with
-    parallel ones over what these leave: of a region with several limbs each is laid along itself.
+    Candidates are parallel stretches of each heading and, for small regions, a greedy selection of the stretch that
+    works most for its cost, with parallel ones over the rest, so that each limb of a region gets its own heading.
     """
     turned = [to_lines(places_m, heading) for heading in headings]
     found = [_parallel(each, way, cell_m, settings, name) for each, way in zip(turned, headings, strict=True)]
@@ -324,7 +325,7 @@ def _spacing_m(settings: PatternSettings) -> float:
 
 
 def _half_m(heading_rad: float, cell_m: float) -> float:
-    """How far a cell reaches along a heading, and across it, from its centre."""
+    """Half extent of a cell along a heading (and across it), m."""
     return 0.5 * cell_m * (abs(math.cos(heading_rad)) + abs(math.sin(heading_rad)))
 
 
@@ -337,15 +338,15 @@ def _parallel(
 ) -> list[_Stretch]:
     """The cheapest parallel stretches over cells, no strip wider than the spacing.
 
-    Cells are put into rows along the heading, a fraction of the spacing wide, and strips are runs of rows: from the
-    last row back that strip is taken which is the cheapest with all beyond it.
+    Cells are sorted into rows along the heading, a fraction of the spacing wide; strips are runs of rows. Dynamic
+    programming from the last row back selects the strip that is cheapest with all strips beyond it.
 
     Args:
-        places_m: of cells, along and across the heading.
-        heading_rad: of the strips.
-        cell_m: of the cells.
-        settings: of the pattern.
-        name: of the record, for errors.
+        places_m: positions of cells along and across the heading.
+        heading_rad: heading of the strips.
+        cell_m: side of a cell.
+        settings: settings of the pattern.
+        name: name of the record, for errors.
     """
     half_m = _half_m(heading_rad, cell_m)
     along, across = places_m.T
@@ -414,13 +415,13 @@ def _parallel(
 def _costs_m(
     upto: Int[np.ndarray, "edge column"], size: int, bin_m: float, settings: PatternSettings
 ) -> Float[np.ndarray, " row"]:
-    """What a strip costs that begins at each row.
+    """Cost of a strip that begins at each row, m.
 
     Args:
-        upto: rows with cells before an edge of rows, of each column.
-        size: rows of the strip.
+        upto: number of rows with cells before each edge of rows, per column.
+        size: number of rows of the strip.
         bin_m: length of a column.
-        settings: of the pattern.
+        settings: settings of the pattern.
     """
     rows, columns = upto.shape[0] - 1, upto.shape[1]
     held = upto[np.minimum(np.arange(rows) + size, rows)] > upto[:-1]
@@ -492,12 +493,13 @@ def _shortened(
     cell_m: float,
     settings: PatternSettings,
 ) -> list[_Stretch]:
-    """Stretches as short as they may be with the others there, none that works nothing of its own.
+    """Stretches shortened to the work that the others leave, without stretches that have none.
 
     Args:
-        layout: of all stretches.
-        places_m: of cells.
-        cell_m: of the cells; settings: of the pattern.
+        layout: all stretches.
+        places_m: positions of the cells.
+        cell_m: side of a cell.
+        settings: settings of the pattern.
     """
     half_m = 0.5 * (1.0 + 1.0 / _ROWS) * _spacing_m(settings) + _ROUNDING
     held = np.array([_holds(each, places_m, half_m) for each in layout])
@@ -516,7 +518,7 @@ def _shortened(
 
 
 def _laid(field: Field, layer: TourLayer, stretch: _Stretch, width_m: float) -> list[TourSwath]:
-    """Swaths over a stretch, half a tool longer at both ends where the field goes on so far."""
+    """Swaths over a stretch, half a tool longer at both ends where the field extends so far."""
     heading, across_m, low, high = stretch
     pieces = strip_pieces(to_lines(field.perimeter_m, heading), across_m, width_m)
     within = [piece for piece in pieces if piece[0] < high and piece[1] > low]
@@ -528,7 +530,7 @@ def _laid(field: Field, layer: TourLayer, stretch: _Stretch, width_m: float) -> 
 
 
 def _either_way(found: Sequence[TourSwath]) -> list[TourSwath]:
-    """Of swaths both ways round the longer ones, and one that may be driven either way where they are alike."""
+    """The longer swaths of the two directions, or one swath for either direction if both are alike."""
     if len(found) == 2:
         forward, back = found
         if np.hypot(*(forward.start_m - back.end_m)) < 0.05 and np.hypot(*(forward.end_m - back.start_m)) < 0.05:

@@ -20,9 +20,9 @@ from lgprjax.coverage.turns import HeadlandTurn, poses_along
 from lgprjax.errors import InputError
 
 GRID_M = 1e-6
-"""Of overlays: what rounding sets apart is one."""
+"""Grid of overlays, m, which joins points that differ by rounding."""
 _TOLERANCE_M = 2e-3
-"""By which a way may come nearer to the border than its clearance: arcs of offsets are polygons."""
+"""Amount by which a way may undercut its clearance, m, because arcs of offsets are polygons."""
 _MITRE = 2.0
 _SLIVER_M2 = 1e-3
 _ARC_RAD = 0.05
@@ -33,9 +33,9 @@ class SafeGround:
     """Ground that is declared safe to drive on.
 
     Attributes:
-        polygons_m: of each part its outer ring, then its holes; east and north.
-        clearance_m: that a planned way keeps between vehicle or tool and the border: uncertainty of the position,
-            error of tracking, and the way to a stop.
+        polygons_m: outer ring, then holes, of each part; east and north.
+        clearance_m: distance of a planned vehicle or tool from the border: uncertainty of the position, tracking error
+            and stopping distance.
     """
 
     polygons_m: tuple[tuple[Float[np.ndarray, "_ 2"], ...], ...]
@@ -43,23 +43,23 @@ class SafeGround:
 
     @cached_property
     def shape(self) -> Any:
-        """As a shapely geometry."""
+        """The ground as a shapely geometry."""
         return shapely.union_all([shapely.Polygon(part[0], part[1:]) for part in self.polygons_m])
 
     @cached_property
     def kept(self) -> Any:
-        """Where vehicle and tool may be planned to be: the ground less the clearance."""
+        """Area for planned vehicle and tool: the ground minus the clearance."""
         less_m = max(self.clearance_m - _TOLERANCE_M, 0.0)
         return self.shape.buffer(-less_m, join_style="mitre", mitre_limit=_MITRE)
 
 
 class Breach(NamedTuple):
-    """A place of a plan where vehicle or tool would be too near to the border of the safe ground, or beyond it.
+    """A place of a plan where vehicle or tool would be too near the border of the safe ground, or beyond it.
 
     Attributes:
-        place: of the plan.
-        east_m, north_m: of the corner of the vehicle that is worst.
-        missing_m: by how much.
+        place: place in the plan.
+        east_m, north_m: position of the worst corner of the outline.
+        missing_m: missing clearance.
     """
 
     place: str
@@ -96,15 +96,15 @@ def ground_around(perimeter_m: Corners, room_m: float, clearance_m: float) -> Sa
 def ground_of_sides(
     perimeter_m: Corners, rooms_m: Sequence[float], keep_outs_m: Sequence[Float[np.ndarray, "_ 2"]], clearance_m: float
 ) -> SafeGround:
-    """A field, the ground outside its sides as deep as each is declared, less what must be kept out of.
+    """Safe ground: a field and the declared room outside its sides, minus keep-outs.
 
-    Ground straight in front of a side is safe no deeper than that side declares, none for one without room, though
-    another side's room or a corner between deeper sides should reach there.
+    Ground straight in front of a side is safe only to the depth declared for that side (not at all without room), even
+    if another side's room or a corner between deeper sides reaches there.
 
     Args:
-        perimeter_m: counter-clockwise and simple.
-        rooms_m: of each side, from its first corner on; 0 where there is none.
-        keep_outs_m: rings, with their buffers.
+        perimeter_m: corners of the field, counter-clockwise and simple.
+        rooms_m: room outside each side, from its first corner on; 0: none.
+        keep_outs_m: rings of the keep-outs, including their buffers.
         clearance_m: see ``SafeGround``.
     """
     field = shapely.Polygon(perimeter_m)
@@ -126,7 +126,7 @@ def ground_of_sides(
     outside = shapely.difference(shapely.union_all(free, grid_size=GRID_M), field, grid_size=GRID_M)
     if shut:
         outside = shapely.difference(outside, shapely.union_all(shut, grid_size=GRID_M), grid_size=GRID_M)
-    # An overlay may leave lines beside its areas, and such a mixture cannot be joined to a field.
+    # An overlay may return lines in addition to areas, and such a mixture cannot be joined to a field.
     parts = [each for each in shapely.get_parts(shapely.get_parts(outside)) if each.geom_type == "Polygon"]
     shape = shapely.union(field, shapely.multipolygons(parts), grid_size=GRID_M) if parts else field
     if keep_outs_m:
@@ -152,13 +152,13 @@ def buffered(ring_m: Corners, buffer_m: float) -> Float[np.ndarray, "_ 2"]:
 
 
 def ground_of_plan(pattern: Pattern, ground: SafeGround | None, outline: Outline, *, spare_m: float) -> SafeGround:
-    """The ground that a plan declares safe; where it declares none, what vehicle and tool need and some spare room.
+    """The declared ground of a plan; without one, the ground that vehicle and tool need, with spare room.
 
     Args:
-        pattern: of the plan.
-        ground: declared with it.
-        outline: of vehicle and tool.
-        spare_m: must hold the margins of ``StopRules``, the stopping distance and the tracking error: some 0.8 m.
+        pattern: pattern of the plan.
+        ground: ground declared in the plan.
+        outline: outline of vehicle and tool.
+        spare_m: spare room for the margins of ``StopRules``, the stopping distance and the tracking error: about 0.8 m.
     """
     if ground is not None:
         return ground
@@ -167,19 +167,19 @@ def ground_of_plan(pattern: Pattern, ground: SafeGround | None, outline: Outline
 
 
 def room_needed_m(perimeter_m: Corners, pattern: Pattern, outline: Outline) -> float:
-    """How far vehicle and tool reach beyond a perimeter on a pattern, metres."""
+    """Largest distance of vehicle and tool beyond a perimeter on a pattern, metres."""
     shapes = [shape for _, shape in _swept(pattern, outline)]
     corners = shapely.points(shapely.get_coordinates(shapes))
     return float(np.max(shapely.distance(shapely.Polygon(perimeter_m), corners), initial=0.0))
 
 
 def breaches(pattern: Pattern, ground: SafeGround, outline: Outline) -> list[Breach]:
-    """Where vehicle or tool would leave the safe ground less its clearance; none where the plan can be driven.
+    """Places where vehicle or tool would leave the safe ground minus its clearance; none if the plan can be driven.
 
     Args:
-        pattern: the way.
-        ground: declared safe.
-        outline: of vehicle and tool.
+        pattern: pattern of the plan.
+        ground: safe ground.
+        outline: outline of vehicle and tool.
     """
     swept = _swept(pattern, outline)
     kept = ground.kept
@@ -202,7 +202,7 @@ def check_drivable(pattern: Pattern, ground: SafeGround, outline: Outline, *, na
     """Refuse a plan that does not keep to its ground.
 
     Raises:
-        InputError: it names the worst place.
+        InputError: the plan leaves its ground; the message names the worst place.
     """
     found = breaches(pattern, ground, outline)
     if found:

@@ -37,14 +37,15 @@ class CoverRoute(NamedTuple):
     """A route in the plan's local frame.
 
     Attributes:
-        rows: x_m, y_m, yaw_rad (not wrapped), curvature_radpm and tool_on (0 or 1) of the reference point, each good to
-            the next row. The tool is on wherever a line has part of the row's way. Padding goes straight on, tool off.
-        line: number, in driving order from 0, of the line that the row is on; -1 in turns and padding.
-        spacing_m: from row to row.
-        length_m: of the route.
-        count: rows in use; the last is the route's end.
-        legs: of each row the leg that it belongs to, as in ``RouteLeg``; ``None`` where all is driven forwards. In
-            reverse the yaw of a row is that of the way, opposite to the body's, and so its curvature.
+        rows: x_m, y_m, yaw_rad (not wrapped), curvature_radpm and tool_on (0 or 1) of the reference point, each valid
+            to the next row. The tool is on if any part of the row's way is on a line. Padding continues straight, tool
+            off.
+        line: number of the row's line, in driving order from 0; -1 in turns and padding.
+        spacing_m: distance between rows.
+        length_m: length of the route.
+        count: number of rows in use; the last is the route's end.
+        legs: leg of each row, as in ``RouteLeg``; ``None`` if all is driven forwards. In reverse the yaw of a row is
+            that of the way, opposite to the body's, and so is its curvature.
     """
 
     rows: Float[Array, "row 5"]
@@ -60,8 +61,8 @@ class RouteLeg(NamedTuple):
 
     Attributes:
         gear: 1 forward, -1 in reverse.
-        first, last: of its rows.
-        end_m: arc length of its end; beyond it the leg goes straight on.
+        first, last: numbers of its first and last row.
+        end_m: arc length of its end; beyond it the leg continues straight.
     """
 
     gear: Float[Array, "..."]
@@ -89,10 +90,10 @@ class RoutePoint(NamedTuple):
     """A point of the route.
 
     Attributes:
-        x_m, y_m: of the reference point.
-        yaw_rad: of the way, not wrapped.
-        curvature_radpm: of the way, positive to the left.
-        tool_on: 1 where the tool works, else 0.
+        x_m, y_m: position of the reference point.
+        yaw_rad: direction of the way, not wrapped.
+        curvature_radpm: curvature of the way, positive to the left.
+        tool_on: 1 if the tool works, else 0.
         line: as in ``CoverRoute``.
     """
 
@@ -108,11 +109,11 @@ def lay_pattern(pattern: Pattern, *, spacing_m: float = SPACING_M) -> CoverRoute
     """The route along a pattern: its lines and turns in driving order.
 
     Args:
-        pattern: from ``plan_pattern`` or ``plan_gaps``.
-        spacing_m: the spacing used is at most this, so that it divides the route.
+        pattern: pattern from ``plan_pattern`` or ``plan_gaps``.
+        spacing_m: largest spacing of rows; the spacing used divides the route.
 
     Raises:
-        InputError: a spacing that is not above zero, or is longer than half the tightest radius.
+        InputError: the spacing is not above zero, or longer than half the tightest radius.
     """
     longest_m = min(1.0, 0.5 * pattern.tightest_radius_m)
     if not 0.0 < spacing_m <= longest_m:
@@ -178,19 +179,19 @@ def _legs(
 
 
 def route_point(route: CoverRoute, arc_m: Float[Array, "..."], leg: RouteLeg | None = None) -> RoutePoint:
-    """The route's point at an arc length; before 0 and after the end straight on, with the tool off.
+    """The route's point at an arc length, extended straight before 0 and after the end, with the tool off.
 
     Args:
-        route: from ``lay_pattern``.
-        arc_m: along it, metres.
-        leg: to stay on: straight on before and after it.
+        route: route from ``lay_pattern``.
+        arc_m: arc length along the route.
+        leg: leg to stay on, extended straight before and after it.
     """
     number = jnp.clip(jnp.floor(arc_m / route.spacing_m).astype(jnp.int32), 0, route.count - 1)
     if leg is not None:
         return _leg_point(route, arc_m, leg)
     beyond_m = arc_m - number.astype(arc_m.dtype) * route.spacing_m
     row = route.rows.at[number].get(mode="promise_in_bounds")
-    # The last row is straight with the tool off, as is what lies before the first.
+    # The last row is straight with the tool off, as is the extension before the first.
     on_route = arc_m >= 0.0
     curvature = jnp.where(on_route, row[..., 3], 0.0)
     half = 0.5 * beyond_m * curvature
@@ -241,7 +242,7 @@ def _route_start(pattern: Pattern) -> Pose:
 
 # A vehicle's place relative to a coverage route: the foot is updated from the last one, never searched globally.
 #
-# Lines of a pattern lie side by side and its turns cross them: the nearest point may belong to another line.
+# Lines of a pattern are side by side and its turns cross them: the nearest point may belong to another line.
 
 _STEPS = 2
 _FARTHEST_M = 0.5
@@ -252,10 +253,10 @@ class RouteFoot(NamedTuple):
     """Place of a vehicle relative to its route.
 
     Attributes:
-        arc_m: of the foot; negative before the start.
-        point: of the route there.
-        cross_m: from the route to the vehicle, positive to the left of the driving direction.
-        heading_error_rad: heading less that of the route.
+        arc_m: arc length of the foot; negative before the start.
+        point: route's point at the foot.
+        cross_m: lateral offset of the vehicle, positive to the left of the driving direction.
+        heading_error_rad: heading minus that of the route.
     """
 
     arc_m: Float[Array, "..."]
@@ -321,13 +322,13 @@ class CarrotSettings(NamedTuple):
     """Settings of the lookahead point (the "carrot" of MF) and its PID, float32 scalars or one value per batch element.
 
     Attributes:
-        distance_m: the carrot waits until the vehicle is so near, and then stays so far ahead; look-ahead of pursuit.
+        distance_m: distance of the carrot ahead, and at which it begins to move; look-ahead of pursuit.
         proportional_per_m: P, curvature per radian of error.
         integral_per_m2: I, curvature per radian of error and metre of way.
-        derivative: D, curvature per radian a metre of change.
-        largest_curvature_radpm: ever asked for, to either side.
-        lead_s: the route's curvature is taken so much ahead: delay and lag of the wheels.
-        largest_yaw_rate_radps: where the route bends, the vehicle is slowed down to it.
+        derivative: D, curvature per change of the error in radians per metre.
+        largest_curvature_radpm: largest commanded curvature, to either side.
+        lead_s: time ahead at which the route's curvature is taken, for delay and lag of the wheels.
+        largest_yaw_rate_radps: largest yaw rate, to which the vehicle slows down where the route bends.
         slow_mps2: deceleration towards the route's end.
     """
 
@@ -345,11 +346,11 @@ class CarrotState(NamedTuple):
     """State of the guidance from step to step.
 
     Attributes:
-        arc_m: of the vehicle's foot on the route.
-        carrot_m: of the carrot.
-        begun: the vehicle has come near enough for the carrot to move, or has passed it.
-        integral_rad_m: of the error over the way.
-        done: the route's end was reached.
+        arc_m: arc length of the vehicle's foot on the route.
+        carrot_m: arc length of the carrot.
+        begun: whether the vehicle has come near enough for the carrot to move, or has passed it.
+        integral_rad_m: integral of the error over the way.
+        done: whether the route's end was reached.
     """
 
     arc_m: Float[Array, "..."]
@@ -363,14 +364,14 @@ class CarrotPlan(NamedTuple):
     """Command of the guidance, and the vehicle's place on its route.
 
     Attributes:
-        yaw_rate_radps: wanted, at the speed given.
-        cross_m: of the reference point from the route, positive to the left of the driving direction.
-        heading_error_rad: heading less that of the route.
-        speed_limit_mps: for bends and for the route's end, where it is 0.
-        tool_on: the route wants the tool here.
-        line: of the pattern; −1 in a turn.
-        to_go_m: to the route's end.
-        done: it was reached.
+        yaw_rate_radps: commanded yaw rate at the given speed.
+        cross_m: lateral offset of the reference point from the route, positive to the left of the driving direction.
+        heading_error_rad: heading minus that of the route.
+        speed_limit_mps: speed limit by bends and by the route's end, where it is 0.
+        tool_on: whether the tool is to work here.
+        line: line of the pattern; −1 in a turn.
+        to_go_m: distance to the route's end.
+        done: whether the route's end was reached.
     """
 
     yaw_rate_radps: Float[Array, "..."]
@@ -384,14 +385,14 @@ class CarrotPlan(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """Carrot, foot and what leads from one to the other, in level metres.
+    """Foot of the vehicle, carrot, and vectors to the carrot, in level metres.
 
     Attributes:
-        foot: of the vehicle on the route.
-        chord_m: from the foot to the carrot, east and north.
-        way_m: from the vehicle to the carrot.
-        yaw_rad: of the route at the carrot.
-        moves: 1 where the carrot moves, 0 where it waits.
+        foot: foot of the vehicle on the route.
+        chord_m: vector from the foot to the carrot, east and north.
+        way_m: vector from the vehicle to the carrot, east and north.
+        yaw_rad: direction of the route at the carrot.
+        moves: 1 if the carrot moves, 0 if it waits.
     """
 
     foot: RouteFoot
@@ -404,8 +405,8 @@ class Goal(NamedTuple):
 def default_carrot(*, smallest_radius_m: float) -> CarrotSettings:
     """Settings for a small machine at walking speed: damping 0.9, a natural wavelength of 5.6 m.
 
-    The curvature may exceed that of the smallest radius by a third: on the tightest arc there must be something left to
-    correct with.
+    The curvature may exceed that of the smallest radius by a third, which leaves room for corrections on the tightest
+    arc.
     """
     values = (1.2, 1.5, 0.0, 2.4, 4.0 / (3.0 * smallest_radius_m), 0.3, 0.2, 0.2)
     return CarrotSettings(*(jnp.float32(value) for value in values))
@@ -425,15 +426,15 @@ def step_carrot(
     speed_mps: Float[Array, ""],
     step_s: Float[Array, ""],
 ) -> tuple[CarrotState, CarrotPlan]:
-    """One step of the PID; one lane, more by ``vmap``.
+    """One step of the PID; one batch element, more by ``vmap``.
 
     Args:
-        settings: of carrot and PID.
-        route: to be driven.
-        state: of the last step.
-        pose: of the reference point.
-        speed_mps: forward, at which the yaw rate is wanted.
-        step_s: since the last step.
+        settings: settings of carrot and PID.
+        route: route to drive.
+        state: state of the last step.
+        pose: pose of the reference point.
+        speed_mps: forward speed for which the yaw rate is computed.
+        step_s: time since the last step.
     """
     leg = leg_at(route, state.arc_m)
     state, goal = lead(settings, route, state, pose, speed_mps, step_s)
@@ -529,7 +530,7 @@ def plan_of(
 def _turning(
     vector_m: tuple[Float[Array, ""], Float[Array, ""]], yaw_rad: Float[Array, ""], goal: Goal
 ) -> Float[Array, ""]:
-    """How much a vector to the carrot turns a metre of way, when its foot moves along a yaw and the carrot as fast."""
+    """Turn of a vector to the carrot per metre of way, if its foot moves along ``yaw_rad`` and the carrot as fast."""
     east = goal.moves * jnp.cos(goal.yaw_rad) - jnp.cos(yaw_rad)
     north = goal.moves * jnp.sin(goal.yaw_rad) - jnp.sin(yaw_rad)
     square = vector_m[0] * vector_m[0] + vector_m[1] * vector_m[1]

@@ -1,8 +1,8 @@
 """Ways from one pose to another within safe ground, forwards and in reverse, many tried at once.
 
 Words are those of Dubins (1957), the same in reverse, and the three arcs with two cusps of Reeds and Shepp (1990), each
-after some way straight back along the swath just driven, or on along it, and before some way straight into the next.
-What a raster lets pass is checked exactly before it is taken.
+after a straight piece back along the swath just driven, or on along it, and before a straight piece into the next.
+Ways that a raster accepts are checked exactly before use.
 """
 
 import math
@@ -22,10 +22,10 @@ _EDGE_M = 0.05
 _STEP_M = 0.2
 _OUTLINE_M = 0.3
 _SLACK_M = 0.1
-"""By which the raster may be wrong: half a cell's diagonal, and what lies between two places of the outline."""
+"""Largest error of the raster, m: half a cell's diagonal, and the gap between two sampled points of the outline."""
 _MOST_CELLS = 600_000
 _HEADINGS = 64
-"""Of the ladder at which standing is looked up."""
+"""Number of headings of the table of allowed poses."""
 _FINEST_M = 0.1
 _FEW_CELLS = 250_000
 """Cells of a raster that is finer than that."""
@@ -33,7 +33,7 @@ _BATCH = 96
 _MOST_TRIED = 768
 _EXACT = 40
 WIDE_RADII = (3.0, 8.0)
-"""Of gentle arcs, in smallest radii: along a wall, towards which the tail swings out of a tight one."""
+"""Radii of gentle arcs, in smallest radii, for use along a wall, towards which the tail swings out of a tight arc."""
 CUSP_M = 1.5
 """Cost of a change between forward and reverse, as way."""
 REVERSE = 1.3
@@ -44,17 +44,18 @@ _UNWORKED = 4.0
 
 
 class Terrain:
-    """Raster of the ground: how far from its border, and what is not yet worked.
+    """Raster of the ground: distance from its border, and cells not yet worked.
 
     Args:
-        ground: declared safe.
+        ground: safe ground.
         target: shapely geometry to be worked.
-        outline: of vehicle and tool.
+        outline: outline of vehicle and tool.
         finest_m: cell of the raster of small ground.
 
     Attributes:
-        cell_m, origin_m: of the raster; away_m: distance from the ground's border, 0 beyond it.
-        unworked: cells of the target that no swath has passed.
+        cell_m, origin_m: cell and origin of the raster.
+        away_m: distance of each cell from the ground's border, 0 beyond it.
+        unworked: mask of the target's cells that no swath has passed.
     """
 
     def __init__(self, ground: SafeGround, target: Any, outline: Outline, *, finest_m: float = _FINEST_M) -> None:
@@ -72,7 +73,7 @@ class Terrain:
         self.away_m = (ndimage.distance_transform_edt(inside) * self.cell_m).astype(np.float32)
         shapely.prepare(target)
         self.target = shapely.contains_xy(target, x, y)
-        # Errors of drawing and driving to corners are no ground left to be worked.
+        # Errors of drawing and driving to corners do not count as unworked ground.
         self.unworked = ndimage.binary_erosion(self.target, iterations=max(round(_EDGE_M / self.cell_m), 1))
         shapely.prepare(ground.kept)
         front, rear, left, right = outline
@@ -80,7 +81,7 @@ class Terrain:
         edge = [(each, side) for side in (left, right) for each in along]
         edge += [(end, each) for end in (front, rear) for each in across]
         self._edge_m = np.array(edge)
-        # Half a step of the ladder turns the farthest corner by so much.
+        # Displacement of the farthest corner by half a step of heading.
         turned_m = math.pi / _HEADINGS * float(np.hypot(*self._edge_m.T).max())
         self._may_stand = self.standing(self._least_m - turned_m)
         self._stands = self.standing(ground.clearance_m + 0.5 * self.cell_m)
@@ -90,11 +91,11 @@ class Terrain:
         return self.ground.clearance_m - _SLACK_M - 0.7 * max(self.cell_m - _FINEST_M, 0.0)
 
     def standing(self, least_m: float, *, every: int = 1) -> Bool[np.ndarray, "heading row column"]:
-        """At each heading of a ladder the cells in which the reference point may be: for a look-up a pose.
+        """Table of the cells in which the reference point may be, at each of evenly spaced headings.
 
         Args:
-            least_m: distance that the outline keeps from the border of the ground.
-            every: so many cells are one.
+            least_m: least distance of the outline from the border of the ground.
+            every: number of cells per cell of the table.
         """
         cell_m = every * self.cell_m
         reach = math.ceil(float(np.hypot(*self._edge_m.T).max()) / cell_m) + 1
@@ -111,11 +112,12 @@ class Terrain:
         return standing
 
     def stands(self, poses: Float[np.ndarray, "*shape 3"], *, surely: bool = False) -> Bool[np.ndarray, "*shape"]:
-        """By one look-up a pose, whether the outline is within the ground.
+        """Whether the outline is within the ground, by one look-up per pose.
 
         Args:
-            poses: of the reference point.
-            surely: yes where it is as good as certain; else no where it certainly is not.
+            poses: poses of the reference point.
+            surely: ``True``: only poses that are almost certainly within pass; ``False``: only poses that are certainly
+                not within fail.
         """
         heading = np.rint(poses[..., 2] * (_HEADINGS / (2.0 * math.pi))).astype(np.int64) % _HEADINGS
         held = self._stands if surely else self._may_stand
@@ -133,7 +135,7 @@ class Terrain:
     def in_rectangle(
         self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], half_m: float, more_m: float = 0.0
     ) -> tuple[tuple[slice, slice], Bool[np.ndarray, "row column"]]:
-        """Cells whose centres lie within half a width of a way, lengthened at both ends; a part of the raster."""
+        """Part of the raster, and mask of its cells with centres within half a width of a way extended at both ends."""
         along = (end_m - start_m) / max(float(np.hypot(*(end_m - start_m))), 1e-9)
         reach_m = half_m + max(more_m, 0.0) + self.cell_m
         low = np.minimum(start_m, end_m) - reach_m
@@ -174,12 +176,12 @@ def _samples(low: float, high: float, step: float) -> Float[np.ndarray, " place"
 def cells_under(
     stands: Bool[np.ndarray, "heading row column"], tool: Tool, cell_m: float
 ) -> Bool[np.ndarray, "row column"]:
-    """Cells that a tool is over while the reference point is in cells that count.
+    """Mask of cells that a tool covers while the reference point is in allowed cells.
 
     Args:
-        stands: those cells at each heading of a ladder all round, the first along x.
-        tool: that is carried.
-        cell_m: of the raster.
+        stands: mask of allowed cells at each of evenly spaced headings, the first along x.
+        tool: tool of the vehicle.
+        cell_m: cell of the raster.
     """
     half_m = 0.5 * tool.width_m
     along = tool.ahead_m + _samples(-0.5 * tool.length_m, 0.5 * tool.length_m, 1.5 * cell_m)
@@ -198,10 +200,11 @@ def cells_under(
 
 
 class Joint(NamedTuple):
-    """A way found.
+    """A way from one swath to the next.
 
     Attributes:
-        pieces: of it; cost_m: its length, with what cusps and reverse are taken to cost.
+        pieces: pieces of the way.
+        cost_m: length of the way plus costs of cusps and reverse.
     """
 
     pieces: Pieces
@@ -220,19 +223,21 @@ def find_joint(
     band: tuple[float, float],
     wide: bool = False,
 ) -> tuple[int, Joint] | None:
-    """The cheapest way from a pose to one of several that keeps to the ground and off what is not yet worked.
+    """The cheapest way from a pose to one of several poses that keeps to the ground and off unworked cells.
 
     Args:
-        terrain: with what is worked so far.
-        start: x_m, y_m, yaw_rad; ends: the same, of each swath that may come next.
-        radius_m: of every arc.
-        back_m: how far straight back from the start is known to be worked ground.
-        out_m, in_m: straight on from the start, and straight into the end, that is tried as well.
-        band: half the width of the end's own swath, and how far before it the vehicle may stand on it unworked.
-        wide: arcs of ``WIDE_RADII`` times the radius are tried as well.
+        terrain: raster with the cells worked so far.
+        start: x_m, y_m, yaw_rad of the start.
+        ends: x_m, y_m, yaw_rad of each swath that may come next.
+        radius_m: radius of every arc.
+        back_m: length straight back from the start that is known to be worked.
+        out_m, in_m: lengths straight on from the start, and straight into the end, that are tried as well.
+        band: half the width of the end's own swath, and distance before it in which the vehicle may be on unworked
+            cells of that swath.
+        wide: whether arcs of ``WIDE_RADII`` times the radius are tried as well.
 
     Returns:
-        The number of the end and the way to it; ``None`` where there is none.
+        The number of the end and the way to it; ``None`` if there is none.
     """
     leads, ins = leads_of(back_m, out_m, in_m, radius_m)
     lead, into = (each.ravel() for each in np.meshgrid(leads, ins, indexing="ij"))
@@ -303,7 +308,7 @@ def joined(pieces: Pieces) -> Pieces:
 
 
 def cusps(pieces: Pieces) -> int:
-    """How often a way changes between forward and reverse, from the end of a swath to the beginning of the next."""
+    """Number of changes between forward and reverse from the end of a swath to the beginning of the next."""
     signs = np.concatenate([[1.0], np.sign(pieces[:, 0]), [1.0]])
     return int(np.count_nonzero(signs[1:] != signs[:-1]))
 
@@ -326,7 +331,7 @@ def poses_ahead(pose: Float[np.ndarray, "3"], ahead_m: Float[np.ndarray, " way"]
 
 
 def _cost_m(pieces: Sequence[Float[np.ndarray, "..."]]) -> Float[np.ndarray, "..."]:
-    """Of ways of the signed lengths of their pieces."""
+    """Cost of ways from the signed lengths of their pieces, m."""
     cost, last = np.zeros(()), np.ones(())
     for piece in pieces:
         sign = np.where(np.abs(piece) < 1e-9, last, np.sign(piece))
@@ -344,13 +349,14 @@ def clear_ways(
     end: Float[np.ndarray, "*each 3"],
     band: tuple[float, float],
 ) -> tuple[Bool[np.ndarray, " way"], Float[np.ndarray, " way"]]:
-    """Which ways the raster lets pass, and how much of each is over unworked ground of the swath to come.
+    """Mask of ways that the raster accepts, and length of each over unworked ground of the next swath.
 
     Args:
-        terrain: with what is worked so far.
-        start: x_m, y_m, yaw_rad: of all ways, or of each.
-        lengths, bends: signed lengths of the pieces, and their curvatures.
-        end: of all ways, or of each; band: see ``find_joint``.
+        terrain: raster with the cells worked so far.
+        start: x_m, y_m, yaw_rad of the start, common or per way.
+        lengths, bends: signed lengths and curvatures of the pieces.
+        end: pose of the next swath, common or per way.
+        band: see ``find_joint``.
     """
     way_m = np.abs(lengths).sum(axis=1)
     count = int(np.ceil(way_m.max() / _STEP_M)) + 2
@@ -408,7 +414,7 @@ def sample(
 def _words(
     starts: Float[np.ndarray, "way 3"], ends: Float[np.ndarray, "way 3"], radius_m: Float[np.ndarray, " way"]
 ) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
-    """Signed lengths of the three pieces of every word, NaN where there is none, and to which hand each bends."""
+    """Signed lengths of the three pieces of every word, NaN without a solution, and the direction of each."""
     turned = np.array([0.0, 0.0, math.pi])
     both, hands = forward_words(
         np.concatenate([starts, starts + turned]), np.concatenate([ends, ends + turned]), np.tile(radius_m, 2)

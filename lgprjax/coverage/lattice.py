@@ -1,4 +1,4 @@
-"""Ways through a lattice of poses, where no single word leads: forwards and in reverse, around whatever is in between.
+"""Ways through a lattice of poses, where a single word does not suffice: forwards and in reverse, around obstacles.
 
 Nodes are places of a square grid with sixteen headings each (a state lattice: Pivtoraik, Knepper and Kelly 2009). Edges
 are Dubins' forward words between nodes near each other, of the vehicle's own radius, and each of them in reverse. Which
@@ -30,13 +30,13 @@ _LONGER = 1.3
 _STEP_M = 0.2
 _JOIN_TURNED = 3
 _MOST_BEND_RAD = 0.75 * math.pi
-"""Of a word between a lead and a node."""
+"""Largest bend of a word between a lead and a node."""
 _LIMITS_M = (15.0, 40.0, math.inf)
-"""How far ways are searched at first, and then."""
+"""Limits of the search for ways, tried in order."""
 _AGAINST_M = 0.1
 """Cost of an edge in reverse beyond its length: many short ones are many changes of direction."""
 _TRIED = 12
-"""Ways checked exactly before a swath is given up."""
+"""Number of ways checked exactly before a swath is abandoned."""
 _SEARCHES = 8
 """Searches again without what the exact check did not let pass, at most, for one swath."""
 _UNSURE_M = 2.0
@@ -63,10 +63,10 @@ class Lattice:
     """Poses of a lattice within safe ground, and the ways between neighbours.
 
     Args:
-        terrain: of the ground.
-        heading_rad: of the lattice's rows.
-        radius_m: of every arc.
-        step_m: from one place to the next; by the size of the ground where it is not told.
+        terrain: raster of the ground.
+        heading_rad: heading of the lattice's rows.
+        radius_m: radius of every arc.
+        step_m: distance between places; ``None``: by the size of the ground.
     """
 
     def __init__(self, terrain: Terrain, heading_rad: float, radius_m: float, step_m: float | None = None) -> None:
@@ -90,7 +90,7 @@ class Lattice:
         self.free = terrain.stands(self.poses, surely=True)
         self._seen: np.ndarray | None = None
         self._grow()
-        # What the exact check says of edges: 0 nothing yet, 1 that they may be driven, -1 that they may not.
+        # Result of the exact check of each edge: 0 unchecked, 1 allowed, -1 not allowed.
         self._exact = np.zeros(len(self.source), np.int8)
 
     def finer(self) -> "Lattice | None":
@@ -158,7 +158,7 @@ class Lattice:
         unworked = self.terrain.unworked
         if self._seen is not unworked:
             self._seen, self._worked = unworked, np.zeros(len(self.source), bool)
-        # What is worked remains so.
+        # Worked cells remain worked.
         closed = np.flatnonzero(~self._worked)
         self._worked[closed] = ~unworked.ravel()[self._passed[closed]].any(axis=1)
         kept = np.flatnonzero((self._worked & (self._exact >= 0))[self.edge])
@@ -189,13 +189,15 @@ class Lattice:
         among: Bool[np.ndarray, " node"],
         wide: bool = False,
     ) -> Links:
-        """Words from leads to nodes near them, or from nodes near to leads, that the ground allows now.
+        """Words from leads to nearby nodes, or from nearby nodes to leads, that the ground allows now.
 
         Args:
-            leads: poses that the vehicle is known to get to; lead_cost_m: what that costs.
-            end: pose of the swath to come, of all leads or of each; band: see ``find_joint``.
-            inward: from nodes to the leads; the cheapest for each swath to come, not for all of them together.
-            among: nodes that count.
+            leads: poses that the vehicle can reach.
+            lead_cost_m: cost to reach each lead.
+            end: pose of the next swath, common or per lead.
+            band: see ``find_joint``.
+            inward: whether words lead from nodes to the leads; the cheapest for each next swath, not for all together.
+            among: mask of nodes that count.
             wide: see ``find_joint``.
         """
         reach_m = max(1.5 * self.step_m, min(1.2 * self.radius_m, 2.5 * self.step_m)) + 1e-6
@@ -266,13 +268,13 @@ class Tree:
     """Cheapest ways from one pose to the nodes of a lattice.
 
     Args:
-        lattice: of the nodes.
-        links: from the pose.
-        graph: of all open edges, the pose its last node.
-        edges: of the lattice, in the graph's order.
+        lattice: lattice of the nodes.
+        links: links from the pose.
+        graph: graph of all open edges, with the pose as its last node.
+        edges: edges of the lattice, in the graph's order.
 
     Attributes:
-        near: nodes that can be reached.
+        near: mask of reachable nodes.
     """
 
     def __init__(
@@ -287,7 +289,7 @@ class Tree:
         self._before: Int[np.ndarray, " node"] = np.zeros(0, int)
 
     def _cost_to(self, node: Int[np.ndarray, " link"]) -> Float[np.ndarray, " link"]:
-        """Of ways to nodes, at least one of them known; searched no farther than it takes."""
+        """Costs of ways to nodes; the search extends until at least one is known."""
         while self._limit == 0 or not np.isfinite(self._cost_m[node]).any():
             if self._limit == len(_LIMITS_M):
                 break
@@ -298,7 +300,7 @@ class Tree:
         return np.asarray(self._cost_m[node])
 
     def _way(self, node: int) -> tuple[list[int], Pieces]:
-        """Where in the graph's order the way to a node leads, its last part first, and its pieces after the lead."""
+        """Edges of the way to a node in the graph's order, last first, and its pieces after the lead."""
         lattice, origin = self.lattice, len(self.near)
         parts, used = list[np.ndarray](), list[int]()
         while True:

@@ -23,9 +23,9 @@ _SAFE_M = 0.004
 _LEAST_LINE_M = 0.3
 _SLIVER_M2 = 1e-9
 _SHORTEST_M = 0.15
-"""Of a swath that the ground leaves of a longer one: a few rows of the route."""
+"""Shortest swath that remains of a longer one within the ground, m: a few rows of the route."""
 GAP_M2 = 0.1
-"""Smallest gap that is told where nothing led to it."""
+"""Smallest unreachable gap reported, m²."""
 _LEAST_GAP_M2 = 0.03
 _GAP_SHARES = (5e-4, 2e-4)
 """Smallest gap that another swath is laid for, and as a share of the field: at first, and when those are worked."""
@@ -36,21 +36,21 @@ _MOST_WALLS = 8
 _APART_M = 2.0
 """Parts of a gap farther apart along a strip are worked by swaths of their own."""
 _EDGES_M = (0.06, 0.0, -0.06, -0.12)
-"""How far beyond a gap's edge the tool's own may lie."""
+"""Distances of the tool's edge beyond a gap's edge that are tried, m."""
 _WALL_PHASE = 3
 _LATER_RADII = (0.0, 1.0, 2.0, 3.0)
-"""By how many radii a swath that nothing leads to begins later: what is left before it is worked the other way."""
+"""Shifts of an unreachable swath's start, in radii; the rest before it is worked in the other direction."""
 
 
 class TourSwath(NamedTuple):
-    """A swath that may be driven.
+    """A candidate swath.
 
     Attributes:
-        start_m, end_m: of the tool's centre.
-        either: it covers as much the other way round.
-        phase: swaths of a lower one are driven before: headlands, strips, gaps, along walls.
-        wall: beside it there is no room for the tail to swing: gentle arcs lead to it, or none.
-        back: what can be driven the other way round instead, where nothing leads to the swath itself.
+        start_m, end_m: start and end of the tool's centre.
+        either: whether it covers as much in the other direction.
+        phase: driving order, lower first: headlands, strips, gaps, swaths along walls.
+        wall: whether there is no room for the tail to swing, so that only gentle arcs, or none, lead to it.
+        back: alternative in the other direction if the swath itself cannot be reached.
     """
 
     start_m: Float[np.ndarray, "2"]
@@ -61,16 +61,17 @@ class TourSwath(NamedTuple):
     back: "TourSwath | None" = None
 
     def entries(self) -> list["TourSwath"]:
-        """Ways round that work as much."""
+        """The swath in the directions that cover as much."""
         return [self, self._replace(start_m=self.end_m, end_m=self.start_m)] if self.either else [self]
 
 
 class Laid(NamedTuple):
-    """Strips of a heading.
+    """Strips of one heading.
 
     Attributes:
-        heading_rad: of them.
-        swaths: in the part of the ground that the plan is for; cost_m: about what driving them costs.
+        heading_rad: heading of the strips.
+        swaths: swaths in the planned part of the ground.
+        cost_m: approximate cost of driving the swaths.
         apart: swaths in other parts.
     """
 
@@ -84,9 +85,9 @@ class TourLayer:
     """Lays swaths where vehicle and tool fit.
 
     Attributes:
-        reach_m2: area of the target that the tool can be over, turned any way, in the part that the plan is for.
-        gaps_m2: smallest gap that another swath is laid for, at first, and when those are worked.
-        wall_swings_m: what the tail swings out of no arc, and of gentler ones than the tightest: room beside a wall.
+        reach_m2: area of the target that the tool can cover at any heading, in the planned part.
+        gaps_m2: smallest gaps for which swaths are laid, in order of the rounds.
+        wall_swings_m: swing of the tail without an arc, and in arcs gentler than the tightest: room next to a wall.
     """
 
     def __init__(self, terrain: Terrain, target: Any, settings: PatternSettings, tool: Tool) -> None:
@@ -99,11 +100,11 @@ class TourLayer:
         self.gaps_m2 = tuple(dict.fromkeys(least_m2))
         outline = terrain.outline
         half_m = 0.5 * settings.tool_width_m
-        # A cell whose centre alone is worked has a seam that is not; swaths of one heading overlap anyway.
+        # A cell with only its centre worked has an unworked seam; swaths of one heading overlap anyway.
         self._seam_m = min(0.5 * terrain.cell_m, 0.5 * settings.overlap * settings.tool_width_m)
-        # What the tool must stay off where the vehicle is wider than it, or has to keep clear.
+        # Distance of the tool from the border where the vehicle is wider than it, or needs clearance.
         wider_m = max(outline.left_m - settings.tool_left_m, settings.tool_left_m - outline.right_m) - half_m
-        # Turning away from a wall the tail swings towards it.
+        # In a turn away from a wall the tail swings towards it.
         sides_m = [
             times * settings.smallest_radius_m + max(outline.left_m, -outline.right_m)
             for times in (1.0, *sorted(WIDE_RADII))
@@ -111,7 +112,7 @@ class TourLayer:
         swings_m = [math.hypot(side_m, outline.rear_m) - side_m for side_m in sides_m]
         self._swing_m = swings_m[0]
         self.wall_swings_m = (0.0, *swings_m[:0:-1])
-        # Strips that are driven first are left in gentle arcs; what they leave at a wall is worked last.
+        # The first strips are left in gentle arcs; the rest along a wall is worked last.
         edge_m = max(wider_m, 0.0) + max(_SAFE_M, self.wall_swings_m[1] + _SAFE_M)
         self._within = shapely.intersection(target, terrain.ground.kept.buffer(-edge_m, join_style="mitre"))
         self._turned: dict[float, tuple[Any, Any]] = {}
@@ -137,7 +138,7 @@ class TourLayer:
                 (apart if self.is_apart(each) else swaths).append(each)
             missed_m += missed
         way_m = sum(float(np.hypot(*(each.end_m - each.start_m))) * (1.0 if each.either else 1.5) for each in swaths)
-        # What strips miss takes swaths of its own, each with a turn.
+        # Ground missed by strips takes separate swaths, each with a turn.
         turn_m = 2.0 * math.pi * settings.smallest_radius_m
         cost_m = way_m + turn_m * len(swaths) + 3.0 * missed_m if swaths else math.inf
         return Laid(heading_rad, swaths, cost_m, apart)
@@ -209,15 +210,15 @@ class TourLayer:
         swing_m: float | None = None,
         least_m2: float | None = None,
     ) -> list[TourSwath]:
-        """The swaths, and more of them over what they leave and a tool can reach; none like those that are banned.
+        """The swaths, and more over the reachable rest; none like the banned ones.
 
         Args:
-            swaths: laid before.
-            headings: to be tried.
-            banned: what nothing leads to.
+            swaths: swaths laid before.
+            headings: headings to try.
+            banned: swaths that cannot be reached.
             swing_m: room left for the tail to swing, of ``wall_swings_m``: only gentle arcs, or none, lead to such a
-                swath. ``None`` for what it swings in a tight turn.
-            least_m2: smallest gap; ``None`` for the first of ``gaps_m2``.
+                swath. ``None``: the swing in a tight turn.
+            least_m2: smallest gap; ``None``: the first of ``gaps_m2``.
         """
         terrain, settings = self.terrain, self.settings
         half_m = 0.5 * settings.tool_width_m - self._seam_m
@@ -346,11 +347,11 @@ class TourLayer:
         return found
 
     def single(self, heading_rad: float, across_m: float, low_m: float, high_m: float) -> list[TourSwath]:
-        """Swaths either way round over a stretch of a strip, whatever is to be worked there; see ``_singles``."""
+        """Swaths in either direction over a stretch of a strip, independent of the work there; see ``_singles``."""
         return self._singles([(heading_rad, across_m, low_m, high_m)], self._swing_m)[0]
 
     def _singles(self, stretches: Sequence[tuple[float, float, float, float]], swing_m: float) -> list[list[TourSwath]]:
-        """Swaths either way round over each of several stretches of strips, whatever is to be worked there.
+        """Swaths in either direction over each of several stretches of strips, independent of the work there.
 
         Args:
             stretches: heading and place across of each, and from where to where along it.
@@ -407,7 +408,7 @@ class TourLayer:
         return float(np.count_nonzero(gained & self.terrain.unworked)) * self.terrain.cell_m**2
 
     def _walls_near(self, places: Float[np.ndarray, "cell 2"], swing_m: float) -> list[tuple[float, float]]:
-        """Heading and place across of strips beside the sides of the ground next to a gap, as near as they may be."""
+        """Heading and position across of strips as near as allowed to the ground's sides next to a gap."""
         settings, outline = self.settings, self.terrain.outline
         starts, ends = self._border
         middle = places.mean(axis=0)
@@ -438,7 +439,7 @@ class TourLayer:
         return np.concatenate(starts), np.concatenate(ends)
 
     def _in_axes(self, heading_rad: float, *, whole: bool = False) -> tuple[Any, Any]:
-        """What is to be worked (as far as the tool gets beside a wall, or whole) and where the outline may be."""
+        """Target (as far as the tool reaches near a wall, or whole) and area for the outline, in axes of a heading."""
         key = heading_rad if whole else heading_rad + 100.0
         if key not in self._turned:
             cos, sin = math.cos(heading_rad), math.sin(heading_rad)
@@ -477,14 +478,14 @@ def _paired(swaths: list[TourSwath]) -> list[TourSwath]:
 
 
 def _extents(shape: Any) -> list[tuple[float, float]]:
-    """From where to where the parts of a geometry reach along x, those that overlap as one."""
+    """Extents of a geometry's parts along x; overlapping ones are merged."""
     parts = shapely.get_parts(shape)
     bounds = shapely.bounds(parts[shapely.area(parts) >= _SLIVER_M2])
     return list(join_spans([(low, high) for low, _, high, _ in bounds.tolist()], 0.0))
 
 
 def _between(shut: Sequence[tuple[float, float]], begin: float, end: float) -> list[tuple[float, float]]:
-    """What of a span is free."""
+    """Free parts of a span."""
     free = []
     for low, high in shut:
         if low > begin:

@@ -21,17 +21,17 @@ _MOST_PARTS = 4
 
 
 def workable_cells(terrain: Terrain, tool: Tool) -> Bool[np.ndarray, "row column"]:
-    """Cells that the tool can be over while the vehicle stays in the part in which most of the target can be worked.
+    """Cells that the tool can cover while the vehicle stays in the part in which most of the target can be worked.
 
-    Parts with a pose off the target count first: where nothing can be worked from one, the vehicle has to be brought
+    Parts with a pose off the target are preferred; if nothing can be worked from one, the vehicle has to be brought
     onto the field.
 
     Args:
-        terrain: of the ground and of what is to be worked.
-        tool: that works.
+        terrain: raster of the ground and of the target.
+        tool: working tool.
     """
     cell_m = _EVERY * terrain.cell_m
-    # A place may lie between two cells of the raster: what is shut here is shut for certain.
+    # A place may be between two cells of the raster: cells excluded here are excluded for certain.
     stands = terrain.standing(terrain.ground.clearance_m - math.sqrt(0.5) * cell_m, every=_EVERY)
     part = _parts(stands)
     target = terrain.target[::_EVERY, ::_EVERY]
@@ -60,7 +60,7 @@ def _parts(stands: Bool[np.ndarray, "heading row column"]) -> Int[np.ndarray, "h
     both = (first > 0) & (last > 0)
     graph = sparse.coo_matrix((np.ones(int(both.sum()), bool), (first[both], last[both])), shape=(count + 1, count + 1))
     joined = sparse.csgraph.connected_components(graph, directed=False)[1] + 1
-    # What is nowhere keeps number 0.
+    # Cells of no part keep number 0.
     joined[0] = 0
     numbers: Int[np.ndarray, "heading row column"] = joined[labels]
     return numbers

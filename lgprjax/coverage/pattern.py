@@ -30,9 +30,9 @@ from lgprjax.errors import InputError
 
 # The turn from one drive to the next that keeps within the turning room and off ground not yet worked.
 #
-# The tool is past the field's edge before a turn begins, and the vehicle straight on the next line before its tool
-# reaches the edge again: straight pieces lead out and in, by the tool's distance at least. Where the field's side
-# slants they are longer, so that the arc passes outside of the ground between the two lines and beside them.
+# The tool is past the field's edge before a turn begins, and the vehicle is straight on the next line before its tool
+# reaches the edge again: straight pieces lead out and in, at least as long as the tool's distance. Along slanting sides
+# of the field they are longer, so that the arc passes outside the ground between and next to the two lines.
 
 _SAMPLE_M = 0.1
 _EDGE_M = 0.05
@@ -42,12 +42,12 @@ _RADII = 6
 
 
 class TurnFound(NamedTuple):
-    """Result of the search.
+    """Result of the search for a turn.
 
     Attributes:
-        pieces: of the turn; ``None`` where none fits.
-        room_m: how far beyond the perimeter it goes; where none fits, what the turn that needs least would need,
-            infinite where every turn crosses ground not yet worked.
+        pieces: pieces of the turn; ``None`` if none fits.
+        room_m: distance of the turn beyond the perimeter; if none fits, the least that any turn needs, infinite if
+            every turn crosses ground not yet worked.
     """
 
     pieces: Pieces | None
@@ -67,12 +67,12 @@ def find_turn(
     """The first turn that fits: gentle before tight, near the field before far from it.
 
     Args:
-        corners_m: of the perimeter, in the lines' axes like all else.
-        before, after: from the end of the one to the start of the other.
-        driven: drives done, over whose worked ground a turn may lead.
-        beside: drives whose ends the turn passes: of the same part of the field.
-        settings: of the pattern.
-        one_handed: half turns to one hand only.
+        corners_m: corners of the perimeter, in the lines' axes like all other coordinates.
+        before, after: drives between whose end and start the turn leads.
+        driven: drives already done, over whose worked ground a turn may lead.
+        beside: drives of the same part of the field, whose ends the turn passes.
+        settings: settings of the pattern.
+        one_handed: whether half turns are to one hand only.
     """
     start = reference_pose(before, before.end_m, settings)
     out_m = max(settings.tool_ahead_m, 0.0)
@@ -111,8 +111,8 @@ def _candidates(
 
 
 def _levels(before: Pass, after: Pass, beside: Sequence[Pass], settings: PatternSettings) -> list[float]:
-    """How far out, towards the end of the drive before, arcs may begin: at the lines' own ends, beyond those of all
-    strips between them, and beyond those that a bulb touches."""
+    """Positions along the drive before at which arcs may begin: at the lines' own ends, beyond the ends of all strips
+    between them, and beyond the ends of strips that a bulb touches."""
     levels = [-math.inf]
     low_m, high_m = sorted((before.across_m, after.across_m))
     for reach_m in (0.0, 2.0 * settings.smallest_radius_m + abs(settings.tool_left_m)):
@@ -145,7 +145,7 @@ def _room_m(
 ) -> float:
     """Distance of a turn beyond the perimeter; infinite if it crosses ground not yet worked.
 
-    The leads that the tool's place asks for lie in the lines' own strips and are allowed to.
+    The straight leads for the tool's position are in the lines' own strips, which is allowed.
     """
     length_m = float(pieces[:, 0].sum())
     arc_m = np.linspace(0.0, length_m, math.ceil(length_m / _SAMPLE_M) + 2)
@@ -176,14 +176,14 @@ class Pattern:
     """A pattern over a field.
 
     Attributes:
-        field, settings: what it was made for.
-        lines: in driving order.
-        turns: between them, of the vehicle's reference point; one fewer than lines.
-        spacing_m: from one line to the next, 0 where there is one only; of a plan for gaps the most that it may be.
-        length_m: of the whole way.
-        line_length_m: of the lines alone.
-        tightest_radius_m: of the turns; infinite where none is.
-        unreached: lines of a plan for gaps that no turn leads to.
+        field, settings: field and settings of the pattern.
+        lines: lines in driving order.
+        turns: turns of the vehicle's reference point between the lines; one fewer than lines.
+        spacing_m: distance between lines, 0 for a single line; in a plan for gaps the largest allowed distance.
+        length_m: length of the whole way.
+        line_length_m: length of the lines alone.
+        tightest_radius_m: smallest radius of the turns; infinite without turns.
+        unreached: lines of a plan for gaps that no turn reaches.
     """
 
     field: Field
@@ -200,16 +200,16 @@ class Pattern:
 def plan_pattern(field: Field, settings: PatternSettings, *, name: str) -> Pattern:
     """Swaths over the whole field, in the requested order, joined by turns that the vehicle can drive.
 
-    A concave field falls into parts, each driven in that order; the nearest part comes next.
+    A concave field is divided into parts, each driven in that order; the nearest part comes next.
 
     Args:
-        field: to be covered.
-        settings: of the pattern.
-        name: of the field, or its file, for errors.
+        field: field to cover.
+        settings: settings of the pattern.
+        name: name of the field or its file, for errors.
 
     Raises:
-        InputError: a field narrower than the tool, too many lines or too long a way, lines too close for one-handed
-            turns, or a turn that does not fit into the room; it says what would do.
+        InputError: the field is narrower than the tool, there are too many lines or the way is too long, lines are too
+            close for one-handed turns, or a turn does not fit into the room; the message states what would suffice.
     """
     heading_rad = lines_heading_rad(field, settings.heading_rad)
     corners_m = to_lines(field.perimeter_m, heading_rad)
@@ -252,11 +252,11 @@ def pattern_of(
 
 
 def driving_time_s(pattern: Pattern, speed_mps: float) -> float:
-    """Time that a pattern takes at the speed that bends and changes of direction leave.
+    """Driving time of a pattern, with reduced speed in bends and at changes of direction, s.
 
     Args:
-        pattern: as planned.
-        speed_mps: set on straight ways.
+        pattern: planned pattern.
+        speed_mps: set speed on straight ways.
     """
     time_s = pattern.line_length_m / speed_mps
     for turn in pattern.turns:

@@ -1,7 +1,7 @@
-"""Work taken up again: the rest of a route, from line k and metre s on, with the tool off where the ground is worked.
+"""Resumed work: the rest of a route, from line k and metre s on, with the tool off where the ground is worked.
 
-A place is told by its line, in driving order, and how far along it the tool's centre is: it stays what it is when the
-vehicle, the computer or the day changes. From the route's rows before it nothing is left but a straight way to it.
+A place is given by its line, in driving order, and the position of the tool's centre along it, independent of vehicle,
+computer and day. The route's rows before it are replaced by a straight way to it.
 """
 
 import math
@@ -18,7 +18,7 @@ from lgprjax.coverage.pattern import Pattern
 from lgprjax.frames import body_to_local
 
 BACK_M = 1.0
-"""By which work begins before the place where it ended: a pass is sure only some way after it begins."""
+"""Distance before the last worked place at which work resumes, m: a pass is certain only some way after its start."""
 LEAST_STRETCH_M = 3.0
 """Shorter stretches of worked ground are not worth turning the tool off for."""
 _INNER_M = 0.5
@@ -30,8 +30,8 @@ class RoutePlace(NamedTuple):
     """A place of a plan.
 
     Attributes:
-        line: in driving order, from 0.
-        along_m: of the tool's centre, from the line's start.
+        line: number of the line in driving order, from 0.
+        along_m: distance of the tool's centre from the line's start.
     """
 
     line: int
@@ -39,11 +39,11 @@ class RoutePlace(NamedTuple):
 
 
 class WorkedStretch(NamedTuple):
-    """A stretch of a line that is worked: nothing is to be done there.
+    """A worked stretch of a line.
 
     Attributes:
-        line: in driving order, from 0.
-        low_m, high_m: along it.
+        line: number of the line in driving order, from 0.
+        low_m, high_m: start and end along the line.
     """
 
     line: int
@@ -52,10 +52,11 @@ class WorkedStretch(NamedTuple):
 
 
 class Resumption(NamedTuple):
-    """What a plan's work is taken up with.
+    """Start of resumed work on a plan.
 
     Attributes:
-        place: where; worked: what is done of the rest, by whichever machine.
+        place: place at which work resumes.
+        worked: worked stretches of the rest, by any machine.
     """
 
     place: RoutePlace
@@ -72,12 +73,12 @@ def place_of_tool(pattern: Pattern, tool: Tool, line: int, pose: tuple[float, fl
 
 
 def resume_place(pattern: Pattern, last: RoutePlace, *, back_m: float = BACK_M) -> RoutePlace | None:
-    """Where to go on after the last place worked; ``None`` after the last line's end.
+    """Place at which to resume after the last place worked; ``None`` after the last line's end.
 
     Args:
-        pattern: the plan.
+        pattern: pattern of the plan.
         last: place of the last moment that counted.
-        back_m: overlap with what was worked.
+        back_m: overlap with the work done.
     """
     line, along_m = last
     if along_m > pattern.lines[line].length_m - 1e-3:
@@ -95,25 +96,25 @@ def worked_stretches(
     last_line: int | None = None,
     edge_m: float = 0.0,
 ) -> tuple[WorkedStretch, ...]:
-    """Stretches of lines over which nothing is left that the line is there for.
+    """Stretches of lines without unworked cells that belong to the line.
 
-    Each cell of the field that is left is the business of one line, of those that are still to be driven and pass it:
-    the one whose middle it is nearest to. Their ends are taken back by half a metre, and short ones are left out: the
-    tool is rather on too long.
+    Each unworked cell of the field belongs to one of the remaining lines that pass it: the one with the nearest middle.
+    The ends of stretches are shortened by half a metre, and short stretches are left out, so that the tool is on too
+    long rather than too short.
 
     Args:
-        pattern: the plan.
-        grid: of the cells.
-        worked: cells that count as worked.
-        tool: of the vehicle.
-        after: only beyond this place.
-        last_line: to be driven, in driving order from 0; ``None``: all.
-        edge_m: of the tool's edge, on either side, that works nothing for sure: what lies there is no reason to drive.
+        pattern: pattern of the plan.
+        grid: grid of the cells.
+        worked: mask of cells that count as worked.
+        tool: tool of the vehicle.
+        after: place beyond which stretches count; ``None``: all.
+        last_line: last line to drive, in driving order from 0; ``None``: all.
+        edge_m: width of the tool's edge, on either side, that does not reach the level: cells there need no drive.
     """
     begin = RoutePlace(0, 0.0) if after is None else after
     numbers = range(begin.line, len(pattern.lines) if last_line is None else last_line + 1)
-    # Parallel lines share the field out evenly: each has to do its own middle alone, however much they overlap. Of free
-    # swaths many are there for what their edge alone works.
+    # Parallel lines share the field evenly: each has to work only its own middle, however much they overlap. Many free
+    # swaths exist only for cells under their edge.
     half_m = 0.5 * tool.width_m - edge_m
     if pattern.settings.order != "free" and pattern.spacing_m > 0.0:
         half_m = 0.5 * min(pattern.spacing_m, tool.width_m)
@@ -153,15 +154,15 @@ def _to_do(
     left: Bool[np.ndarray, "north east"],
     reach_m: tuple[float, float],
 ) -> dict[int, Bool[np.ndarray, " step"]]:
-    """Of each line whether it has something to do, at each step along it.
+    """Mask of steps along each line with work to do.
 
     Args:
-        pattern: the plan.
-        numbers: of the lines that are to be driven; the first of them from ``begin_m`` on.
-        begin_m: along it.
-        grid: of the cells.
-        left: cells that are to be worked.
-        reach_m: how far a line works aside of itself, and beyond its ends.
+        pattern: pattern of the plan.
+        numbers: numbers of the lines to drive; the first of them from ``begin_m`` on.
+        begin_m: start along the first line.
+        grid: grid of the cells.
+        left: mask of cells to be worked.
+        reach_m: reach of a line to the side, and beyond its ends.
     """
     half_m, ends_m = reach_m
     east_m, north_m = cell_centres(grid)
@@ -207,13 +208,13 @@ def line_arcs_m(pattern: Pattern) -> Float[np.ndarray, " line"]:
 
 
 def route_from(route: CoverRoute, pattern: Pattern, taken_up: Resumption) -> CoverRoute:
-    """What is left of a route: it begins at the place, and ends where nothing more is to be worked.
+    """The rest of a route, from the place of resumption to the end of the last work.
 
-    Of the same size as before: the same to the compiler.
+    Its arrays keep their size, so nothing is recompiled.
 
     Args:
-        route: of the pattern, whole.
-        pattern: the plan.
+        route: whole route of the pattern.
+        pattern: pattern of the plan.
         taken_up: place and worked stretches.
     """
     arcs_m, step_m = line_arcs_m(pattern), float(route.spacing_m)
@@ -222,7 +223,7 @@ def route_from(route: CoverRoute, pattern: Pattern, taken_up: Resumption) -> Cov
     rows[:, 4] = _tool_on(rows[:, 4] > 0.5, line, arcs_m, step_m, taken_up.worked)
     first = min(max(math.floor((arcs_m[taken_up.place.line] + taken_up.place.along_m) / step_m + 1e-6), 0), count - 2)
     on = np.flatnonzero(rows[first:count, 4] > 0.5)
-    # A row is good to the next one.
+    # A row is valid to the next one.
     left = min(int(on[-1]) + 2 if len(on) else 2, count - first)
     rows, line = np.roll(rows, -first, axis=0), np.roll(line, -first)
     end, beyond_m = rows[left - 1].copy(), step_m * np.arange(len(rows) - left + 1)
@@ -256,7 +257,7 @@ def _tool_on(
     step_m: float,
     worked: Sequence[WorkedStretch],
 ) -> Bool[np.ndarray, " row"]:
-    """Where the tool is to be on, less the worked stretches."""
+    """Mask of rows with the tool on, without the worked stretches."""
     along = step_m * np.arange(len(on))
     kept = on.copy()
     for number, low_m, high_m in worked:

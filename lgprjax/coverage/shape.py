@@ -18,7 +18,7 @@ from lgprjax.coverage.worked import Passing, covariance_in_body, pass_probabilit
 
 RAYS = 48
 _HALVINGS = 14
-"""Of a ray's length: the border is found to a ten-thousandth of the tool's diagonal."""
+"""Bisections of a ray's length: the border is found to a ten-thousandth of the tool's diagonal."""
 _FAR_M = 1e3
 
 
@@ -44,9 +44,9 @@ def claimed_shape(
     """The shape of a moment, whether its tool is on or not; empty where a moment could not count (``step_pass``).
 
     Args:
-        tool: its rectangle, as plain numbers.
-        moment: unbatched.
-        level: 0.5 < level < 1.
+        tool: rectangle of the tool, as plain numbers.
+        moment: moment, unbatched.
+        level: confidence level, 0.5 < level < 1.
         shared_sigma_m: see ``run_worked``.
     """
     covariance = moment.covariance + jnp.square(shared_sigma_m) * jnp.diag(jnp.array([1.0, 1.0, 0.0], jnp.float32))
@@ -62,7 +62,7 @@ def claimed_shape(
         return pass_probability(tool, passing)
 
     def border(ahead: np.ndarray, left: np.ndarray, far_m: float) -> Float[Array, " ray"]:
-        """How far along each ray the level is reached, as a share of its length; 0 if not at the centre."""
+        """Share of each ray's length up to which the level is reached; 0 if it is not reached at the centre."""
 
         def halve(_: int, span: tuple[Array, Array]) -> tuple[Array, Array]:
             low, high = span

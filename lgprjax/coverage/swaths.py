@@ -15,9 +15,9 @@ from lgprjax.errors import InputError
 
 # Parallel lines over a field: tool-wide strips, evenly spaced, each cut to the pieces that the field has in it.
 #
-# The outermost strips lie along the field's outermost places, so the tool's edge runs on the perimeter; the rest share
+# The outermost strips are along the field's outermost places, so the tool's edge runs on the perimeter; the rest share
 # the width evenly, never further apart than the overlap allows. A piece is as long as the field is anywhere within its
-# strip, not along the line alone: at slanting sides the tool works all of the field and some ground beside it.
+# strip, not along the line alone: at slanting sides the tool works all of the field and some ground outside.
 
 MOST_LINES = 2000
 _ROUNDING_M = 1e-6
@@ -27,8 +27,8 @@ class Line(NamedTuple):
     """A swath: the path of the tool's centre, in driving direction.
 
     Attributes:
-        number: of its strip, counted from 1 at the field's first side. Pieces of one strip share it.
-        start_m, end_m: east and north.
+        number: number of its strip, counted from 1 at the field's first side. Pieces of one strip share it.
+        start_m, end_m: east and north of start and end.
     """
 
     number: int
@@ -37,7 +37,7 @@ class Line(NamedTuple):
 
     @property
     def length_m(self) -> float:
-        """From start to end."""
+        """Length from start to end."""
         return float(np.hypot(*(self.end_m - self.start_m)))
 
 
@@ -45,8 +45,8 @@ class ToolStrip(NamedTuple):
     """A tool-wide strip in axes along and across the lines.
 
     Attributes:
-        across_m: of its middle.
-        pieces_m: from where to where the field has ground in it, ascending.
+        across_m: position of its middle across the lines.
+        pieces_m: start and end of each piece of the field along the strip, ascending.
     """
 
     across_m: float
@@ -57,8 +57,8 @@ class ToolStrips(NamedTuple):
     """The strips of a field.
 
     Attributes:
-        strips: from the right of the first line's heading to the left.
-        spacing_m: from one line to the next; 0 where there is one only.
+        strips: strips from the right of the first line's heading to the left.
+        spacing_m: distance between lines; 0 for a single line.
     """
 
     strips: tuple[ToolStrip, ...]
@@ -99,12 +99,12 @@ def lay_strips(
     """Strips over a polygon.
 
     Args:
-        corners_m: along and across the lines.
+        corners_m: corners along and across the lines.
         tool_width_m, overlap: see ``PatternSettings``.
-        name: of the field, or its file, for errors.
+        name: name of the field or its file, for errors.
 
     Raises:
-        InputError: a field narrower than the tool, or more than ``MOST_LINES`` lines.
+        InputError: the field is narrower than the tool, or there are more than ``MOST_LINES`` lines.
     """
     low_m, high_m = float(corners_m[:, 1].min()), float(corners_m[:, 1].max())
     across_m = high_m - low_m
@@ -123,24 +123,24 @@ def lay_strips(
 def strip_pieces(
     corners_m: Float[np.ndarray, "corner 2"], across_m: float, width_m: float
 ) -> tuple[tuple[float, float], ...]:
-    """Where along a strip a polygon has ground, ascending; pieces less than the strip's width apart are one.
+    """Pieces of a polygon along a strip, ascending; pieces less than the strip's width apart are merged.
 
     Args:
-        corners_m: along and across the strip.
-        across_m: of its middle.
-        width_m: of the strip.
+        corners_m: corners along and across the strip.
+        across_m: position of the strip's middle.
+        width_m: width of the strip.
     """
     low_m, high_m = across_m - width_m / 2.0, across_m + width_m / 2.0
     across = corners_m[:, 1]
     levels = [low_m]
     for level in np.unique(np.append(across[(across > low_m) & (across < high_m)], high_m)):
-        # Corners that rounding alone sets apart are on one level.
+        # Corners that differ only by rounding are on one level.
         if level - levels[-1] > _ROUNDING_M:
             levels.append(float(level))
     starts, ends = corners_m, np.roll(corners_m, -1, axis=0)
     spans: list[tuple[float, float]] = []
     for bottom, top in pairwise(levels):
-        # No corner lies between two levels: the ground there is trapezia, whose sides do not cross.
+        # No corner is between two levels: the area there consists of trapezia, whose sides do not cross.
         middle = 0.5 * (bottom + top)
         crossed = (starts[:, 1] > middle) != (ends[:, 1] > middle)
         foot, head = starts[crossed], ends[crossed]
@@ -174,7 +174,7 @@ class Piece(NamedTuple):
 
     Attributes:
         strip: number of the strip, from 0.
-        span_m: from where to where along it.
+        span_m: start and end along the strip.
     """
 
     strip: int
@@ -194,12 +194,12 @@ def line_order(count: int, order: Order, apart: int = 1) -> tuple[int, ...]:
     """Numbers of lines, from 0, in driving order.
 
     Zamboni is 1, m, 2, m + 1, ... with m the middle line (MF section 2), boustrophedon 1, 2, 3, ... The racetrack is
-    Zamboni over blocks of lines one after the other, so that no turn is wider than the vehicle's circle asks for.
+    Zamboni over successive blocks of lines, so that no turn is wider than the vehicle's circle requires.
 
     Args:
-        count: of lines.
-        order: see above.
-        apart: of the racetrack, lines that half turns lead across at least.
+        count: number of lines.
+        order: order of the lines, see above.
+        apart: for the racetrack, least number of lines that a half turn crosses.
     """
     if order in ("boustrophedon", "free"):
         return tuple(range(count))
@@ -218,12 +218,12 @@ def lines_for_zamboni(radius_m: float, spacing_m: float) -> int:
 
 
 def chains(strips: Sequence[Sequence[Span]]) -> tuple[tuple[Piece, ...], ...]:
-    """Pieces of neighbouring strips that follow each other one by one: a concave field falls into several chains.
+    """Chains of pieces of neighbouring strips that follow each other one by one; a concave field has several chains.
 
-    A chain ends where the field parts or comes together. A convex field is one chain.
+    A chain ends where the field divides or merges. A convex field is one chain.
 
     Args:
-        strips: of each strip the pieces, ascending.
+        strips: pieces of each strip, ascending.
     """
     done: list[list[Piece]] = []
     open_chains: dict[Span, list[Piece]] = {}
@@ -255,19 +255,19 @@ class PatternSettings:
     """Settings of a coverage pattern.
 
     Attributes:
-        tool_width_m: across the line.
+        tool_width_m: width of the tool across the line.
         overlap: least share of the tool's width in which neighbouring swaths overlap, from 0 to below 1.
-        order: of the lines: ``zamboni`` joins the first to the middle one and drifts on (MF section 2), all turns to
-            one hand; ``boustrophedon`` takes each next to the last; ``racetrack`` is Zamboni in blocks;
-            ``free`` is the cheapest next, see ``plan_tour``.
-        smallest_radius_m: of the circles that the vehicle's reference point drives.
-        turning_room_m: how far beyond the perimeter the reference point may go.
-        tool_ahead_m: from the reference point to the tool's centre, forward; negative for a tool behind.
-        tool_left_m: the same to the left.
-        heading_rad: of the first line, counter-clockwise from east; ``None``: that of the field's first side.
+        order: order of the lines: ``zamboni`` alternates between the first and the middle line and moves on (MF section
+            2), all turns to one hand; ``boustrophedon`` takes adjacent lines in turn; ``racetrack`` is Zamboni in
+            blocks; ``free`` takes the cheapest next, see ``plan_tour``.
+        smallest_radius_m: smallest radius of the reference point's circles.
+        turning_room_m: largest distance of the reference point beyond the perimeter.
+        tool_ahead_m: distance from the reference point to the tool's centre, forward; negative for a tool behind.
+        tool_left_m: the same distance to the left.
+        heading_rad: heading of the first line, counter-clockwise from east; ``None``: that of the field's first side.
 
     Raises:
-        InputError: a value that is no number or out of its range.
+        InputError: a value is not a number or out of range.
     """
 
     tool_width_m: float
@@ -301,11 +301,11 @@ class Pass(NamedTuple):
     """One drive along a strip, in axes along and across the lines.
 
     Attributes:
-        number: of the strip, from 1.
-        across_m: of the tool's centre.
-        span_m: of the tool's centre, from where to where the field has ground in the strip.
-        forward: along the lines' heading, or against it.
-        worked_m: where the tool is on, ascending, within the span.
+        number: number of the strip, from 1.
+        across_m: position of the tool's centre across the lines.
+        span_m: start and end of the tool's centre along the strip, where the field is within the strip.
+        forward: whether the drive is along the lines' heading, or against it.
+        worked_m: spans with the tool on, ascending.
     """
 
     number: int
@@ -321,12 +321,12 @@ class Pass(NamedTuple):
 
     @property
     def start_m(self) -> float:
-        """Along the lines, where the drive begins."""
+        """Start of the drive along the lines."""
         return self.span_m[0] if self.forward else self.span_m[1]
 
     @property
     def end_m(self) -> float:
-        """Along the lines, where the drive ends."""
+        """End of the drive along the lines."""
         return self.span_m[1] if self.forward else self.span_m[0]
 
 
@@ -355,10 +355,10 @@ def string_passes(
     """Lines of all drives in driving order, and the turns between them.
 
     Args:
-        drives: in order.
-        joints: from the end of each drive to the start of the next one.
-        settings: of the pattern.
-        heading_rad: of the lines.
+        drives: drives in order.
+        joints: pieces from the end of each drive to the start of the next one.
+        settings: settings of the pattern.
+        heading_rad: heading of the lines.
     """
     lines: list[Line] = []
     turns: list[HeadlandTurn] = []

@@ -31,7 +31,7 @@ _ENOUGH = 0.985
 _ROUNDS = 3
 _MOST_ENTRIES = 8
 _CELL_M = 0.05
-"""Of the raster of small ground: strips beside walls are a larger share of a small field."""
+"""Cell of the raster of small ground, m: strips along walls are a larger share of a small field."""
 _MUCH = 0.01
 """Share of what the tool can be over: more that no way leads to is sought by a finer lattice, or another beginning."""
 _FIRSTS = 8
@@ -42,10 +42,10 @@ class Tour(NamedTuple):
     """A plan within declared ground.
 
     Attributes:
-        pattern: the way; its ``unreached`` no way leads to.
-        target_m2: area of the field less what must be kept out of.
-        worked_m2: of that, what the swaths pass.
-        cusps: changes between forward and reverse.
+        pattern: pattern of the tour; its ``unreached`` lines cannot be reached.
+        target_m2: area of the field minus keep-outs.
+        worked_m2: area of the target that the swaths pass.
+        cusps: number of changes between forward and reverse.
     """
 
     pattern: Pattern
@@ -64,16 +64,17 @@ def plan_tour(
     *,
     name: str,
 ) -> Tour:
-    """Swaths over a field within ground that is declared safe, strung in free order.
+    """Swaths over a field within safe ground, joined in free order.
 
     Args:
-        field: to be covered.
-        ground: see ``ground_of_sides``.
-        keep_outs_m: rings, with their buffers.
-        settings: of the pattern; its order and its turning room are not used. Without a heading the one with the
-            least estimated cost is taken.
-        tool: that works; outline: of vehicle and tool.
-        name: of the field, or its file, for errors.
+        field: field to cover.
+        ground: safe ground, see ``ground_of_sides``.
+        keep_outs_m: rings of the keep-outs, including their buffers.
+        settings: settings of the pattern; its order and its turning room are not used. Without a heading the one with
+            the least estimated cost is taken.
+        tool: working tool.
+        outline: outline of vehicle and tool.
+        name: name of the field or its file, for errors.
 
     Raises:
         InputError: no swath fits into the ground, or none of them can be begun.
@@ -141,27 +142,27 @@ def string_swaths(
     name: str,
     ways: "_Ways | None" = None,
 ) -> Tour:
-    """A tour of swaths, the cheapest next, and of more over what is left where nothing leads to one.
+    """A tour of swaths, always the cheapest next, with more swaths over the work left by unreachable ones.
 
     Args:
-        field: to be covered.
-        layer: that lays swaths; what is worked is marked in its terrain.
-        swaths: to be strung; those in parts of the ground that the layer is not for are left.
-        headings: of more swaths.
-        name: of the field, or its file, for errors.
-        ways: known from a tour before.
+        field: field to cover.
+        layer: layer that lays swaths; worked cells are marked in its terrain.
+        swaths: swaths to join; those in parts of the ground outside the layer's are left out.
+        headings: headings of additional swaths.
+        name: name of the field or its file, for errors.
+        ways: search for ways, known from an earlier tour.
     """
     terrain, settings = layer.terrain, layer.settings
     ways = _Ways(terrain, headings[0], settings) if ways is None else ways
     apart = [each for each in swaths if layer.is_apart(each)]
-    # Where all of them are apart, the raster is too coarse for what fits.
+    # If all of them are apart, the raster is too coarse for the fitting swaths.
     swaths = [each for each in swaths if not layer.is_apart(each)] or swaths
     lowest = min(each.phase for each in swaths)
     firsts = [entry for entry, _ in _firsts(terrain, [each for each in swaths if each.phase == lowest], ways.pose)]
     untouched = terrain.unworked.copy()
     best = _string(layer, ways, firsts, swaths, headings)
     if layer.gain_m2(best.left) > _MUCH * layer.reach_m2:
-        # A neck that the raster takes for open may set it apart: more may be reached from there.
+        # A neck that is open in the raster may be closed in fact: more may be reached from the other side.
         worked, terrain.unworked = terrain.unworked, untouched
         lowest = min(each.phase for each in best.left)
         begins = _firsts(terrain, [each for each in best.left if each.phase == lowest], ways.pose)
@@ -213,7 +214,7 @@ def _string(
             break
     driven, joints = [swath], list[Pieces]()
     failed, left = list[TourSwath](), list[TourSwath]()
-    # What no way leads to, or is left, is tried by other swaths: a few times, along walls, and then the smaller gaps.
+    # Unreachable and remaining work is tried with other swaths: a few times, along walls, and then in smaller gaps.
     again: list[tuple[float | None, float]] = [(None, layer.gaps_m2[0])] * (_ROUNDS - 1)
     fills = [*again, *((each, least_m2) for least_m2 in layer.gaps_m2 for each in (None, *layer.wall_swings_m))]
     while remaining or fills:
@@ -230,7 +231,7 @@ def _string(
         failed += [each for swath in remaining for each in (swath, swath.back) if each is not None]
         left += remaining
         if not remaining:
-            # Nothing of that size is left but what lies along walls.
+            # Gaps of that size remain only along walls.
             fills = [each for each in fills if each not in again]
         if not fills:
             break
@@ -239,7 +240,7 @@ def _string(
 
 
 def _left(layer: TourLayer, given_up: Sequence[TourSwath]) -> list[TourSwath]:
-    """Of swaths that nothing led to those that would still work something: others may have done instead."""
+    """Unreachable swaths that would still work something that no other swath has worked."""
     terrain = layer.terrain
     found = list[TourSwath]()
     before, terrain.unworked = terrain.unworked, terrain.unworked.copy()
@@ -252,10 +253,10 @@ def _left(layer: TourLayer, given_up: Sequence[TourSwath]) -> list[TourSwath]:
 
 
 def _firsts(terrain: Terrain, swaths: list[TourSwath], pose: Any) -> list[tuple[TourSwath, float]]:
-    """Swaths to begin with, the best first: the vehicle stands before it off the field, with room to turn, far out.
+    """Swaths to begin with, the best first: the vehicle starts off the field, with room to turn, far out.
 
-    With each comes how large the ground off the field is that it begins from, as a share of the largest: out of a
-    narrow way between hedges no other swath is reached.
+    With each comes the size of the ground off the field from which it begins, as a share of the largest: from a narrow
+    way between hedges no other swath can be reached.
     """
     found = list[tuple[tuple[float, float], TourSwath, float]]()
     middle = np.mean([0.5 * (each.start_m + each.end_m) for each in swaths], axis=0)
@@ -289,12 +290,12 @@ _Found = tuple[float, int, TourSwath, Pieces]
 
 
 class _Ways:
-    """Ways from where the vehicle is to swaths not yet driven: one word where it can be, else through a lattice.
+    """Ways from the vehicle's pose to swaths not yet driven: one word if possible, else through a lattice.
 
     Args:
-        terrain: with what is worked so far.
-        heading_rad: of the lattice.
-        settings: of the pattern.
+        terrain: raster with the cells worked so far.
+        heading_rad: heading of the lattice.
+        settings: settings of the pattern.
     """
 
     def __init__(self, terrain: Terrain, heading_rad: float, settings: PatternSettings) -> None:
@@ -310,19 +311,19 @@ class _Ways:
 
     @property
     def lattice(self) -> Lattice:
-        """Made when it is first needed: most fields are driven without."""
+        """The lattice, built on first use: most fields need none."""
         if self._lattice is None:
             self._lattice = Lattice(self.terrain, self._heading_rad, self.radius_m)
         return self._lattice
 
     def refine(self) -> bool:
-        """Make the lattice finer, where it may be: narrow places lead through between its nodes."""
+        """Refine the lattice if possible: narrow places may lead between its nodes."""
         finer = self.lattice.finer()
         self._lattice, self._tree = finer or self._lattice, None
         return finer is not None
 
     def pose(self, swath: TourSwath, *, at_end: bool = False) -> Float[np.ndarray, "3"]:
-        """Of the reference point where a swath begins, or ends."""
+        """Pose of the reference point at the beginning, or the end, of a swath."""
         at = pose_on_line(Line(1, swath.start_m, swath.end_m), *self._tool_m)
         if at_end:
             at[:2] += swath.end_m - swath.start_m
@@ -334,11 +335,12 @@ class _Ways:
         joints: Sequence[Pieces],
         remaining: Sequence[tuple[int, TourSwath]],
     ) -> _Found | None:
-        """The cheapest swath of the lowest phase to go on with; ``None`` where none can be reached.
+        """The cheapest next swath of the lowest phase; ``None`` if none can be reached.
 
         Args:
-            driven: in order; joints: between them.
-            remaining: their numbers and themselves.
+            driven: driven swaths in order.
+            joints: ways between the driven swaths.
+            remaining: remaining swaths with their numbers.
         """
         last = driven[-1]
         here, length_m = self.pose(last, at_end=True), float(np.hypot(*(last.end_m - last.start_m)))
@@ -438,11 +440,13 @@ class _Ways:
     def _ends(
         self, start: np.ndarray, ways: list[Pieces], *, check: np.ndarray | None = None
     ) -> tuple[list[Pieces], Float[np.ndarray, "way 3"], Float[np.ndarray, " way"]]:
-        """Ways from a pose, with the poses that they end in and their costs.
+        """Ways from a pose, with their end poses and costs.
 
         Args:
-            start: of all ways; ways: pieces of each.
-            check: only those that are clear, but for the ground where the vehicle lines up with this pose.
+            start: start pose of all ways.
+            ways: pieces of each way.
+            check: pose with which the vehicle lines up: only ways that are clear, except for that swath's ground, are
+                kept. ``None``: all ways are kept.
         """
         if not ways:
             return [], np.zeros((0, 3)), np.zeros(0)
@@ -459,11 +463,11 @@ class _Ways:
 
 
 _BACK_M = (*np.arange(1.0, 16.0, 1.0), *np.arange(17.0, 60.0, 3.0))
-"""How far back along the way that led here the lattice is tried from."""
+"""Distances back along the last way from which the lattice is tried, m."""
 
 
 def _retraced(driven: Sequence[TourSwath], joints: Sequence[Pieces]) -> Pieces:
-    """The way that led here, backwards: the same arcs, a negative length, the curvature as it was."""
+    """The last way in reverse: the same arcs with negative lengths and unchanged curvatures."""
     parts: list[np.ndarray] = []
     length_m = 0.0
     for number, swath in reversed(list(enumerate(driven))):
@@ -477,7 +481,7 @@ def _retraced(driven: Sequence[TourSwath], joints: Sequence[Pieces]) -> Pieces:
 
 
 def _first_part(pieces: Pieces, length_m: float) -> Pieces:
-    """As much of the beginning of a way."""
+    """The first ``length_m`` of a way."""
     way_m = np.abs(pieces[:, 0])
     ends = np.cumsum(way_m)
     share = np.clip((length_m - (ends - way_m)) / np.maximum(way_m, 1e-12), 0.0, 1.0)

@@ -19,9 +19,9 @@ A negative length is driven in reverse: the yaw changes by length times curvatur
 _NO_TURN_RAD = 1e-9
 _NO_WAY = 1e-9
 _NO_SQUARE = 1e-12
-"""What rounding leaves of the square of no straight, in squares of the radius, beside a distance of one radius."""
+"""Rounding error of the square of a straight of length zero, in squares of the radius, at a distance of one radius."""
 _HANDS = np.array([(1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (-1, 1, -1), (1, -1, 1)], float)
-"""To which hand the pieces of Dubins' words bend."""
+"""Direction of the pieces of Dubins' words: 1 left, -1 right, 0 straight."""
 
 
 class Pose(NamedTuple):
@@ -50,7 +50,7 @@ class HeadlandTurn(NamedTuple):
 
     @property
     def length_m(self) -> float:
-        """Of the way."""
+        """Length of the way."""
         return float(np.abs(self.pieces[:, 0]).sum())
 
     @property
@@ -84,22 +84,22 @@ def poses_along(start: Pose, pieces: Pieces, arc_m: Float[np.ndarray, " point"])
 
 
 def turn_points(turn: HeadlandTurn, spacing_m: float = 0.25) -> Float[np.ndarray, "point 2"]:
-    """Points along a turn at even spacing, start and end among them: for maps and files.
+    """Points along a turn at even spacing, including start and end, for maps and files.
 
     Args:
-        turn: to be drawn.
-        spacing_m: at most so far apart.
+        turn: turn to draw.
+        spacing_m: largest spacing.
     """
     count = max(math.ceil(turn.length_m / spacing_m), 1) + 1
     return poses_along(turn.start, turn.pieces, np.linspace(0.0, turn.length_m, count))[:, :2]
 
 
 def one_handed_turn(apart_m: float, radius_m: float) -> Pieces:
-    """Half a turn onto a line that runs back: two quarter circles with a straight between them, or a semicircle.
+    """Half a turn onto a line in the opposite direction: two quarter circles with a straight between, or a semicircle.
 
     Args:
-        apart_m: of the lines, positive to the left; at least twice the radius.
-        radius_m: of the quarters.
+        apart_m: distance of the lines, positive to the left; at least twice the radius.
+        radius_m: radius of the quarter circles.
     """
     hand = math.copysign(1.0 / radius_m, apart_m)
     quarter_m = 0.5 * math.pi * radius_m
@@ -113,8 +113,8 @@ def dubins_ways(start: Pose, end: Pose, radius_m: float) -> list[Pieces]:
     """Ways of Dubins' words from one pose to another, the shortest first.
 
     Args:
-        start, end: poses.
-        radius_m: of every arc.
+        start, end: start and end pose.
+        radius_m: radius of every arc.
     """
     words, hands = forward_words(np.array([start]), np.array([end]), radius_m)
     ways = [
@@ -132,12 +132,13 @@ def forward_words(
     *,
     straight: bool = False,
 ) -> tuple[Float[np.ndarray, "way word 3"], Float[np.ndarray, "word 3"]]:
-    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN where there is none, and each one's hands.
+    """Lengths of Dubins' six words, by Shkel and Lumelsky (2001), NaN without a solution, and their pieces' directions.
 
     Args:
-        starts, ends: x_m, y_m, yaw_rad.
-        radius_m: of the arcs, of each way or of all.
-        straight: only the four with a straight piece: the middle of three arcs is at least half a turn.
+        starts, ends: x_m, y_m, yaw_rad of each way.
+        radius_m: radius of the arcs, per way or common.
+        straight: whether to use only the four words with a straight piece; the middle of three arcs is at least half a
+            turn.
     """
     east, north = (ends - starts)[:, :2].T
     far, toward = np.hypot(east, north) / radius_m, np.arctan2(north, east)

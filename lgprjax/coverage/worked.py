@@ -1,4 +1,4 @@
-"""The worked area, live: for each cell the probability that the tool was over it, kept up ten times a second.
+"""The worked area, live: for each cell the probability that the tool was over it, updated ten times per second.
 
 Each moment judges a patch of cells around the tool and no others, so its cost does not grow with the field. A cell
 takes pose and error from the strip of the pass that it was crossed with, the beginning and the end from the pass so
@@ -22,7 +22,7 @@ from lgprjax.coverage.field import CellGrid, Tool, ToolMoment, tool_centre
 STRIPS = 32
 """Kept of a pass."""
 _LARGEST_HEADING_RAD = 0.06
-"""Sigma of the heading beyond which no cell is claimed: the errors are no longer small angles."""
+"""Standard deviation of the heading beyond which no cell is claimed, because errors are no longer small angles."""
 _TIGHTEST_RADPM = 0.2
 """Curvature of a sweep; the moments of a tighter turn are taken one by one."""
 _JITTER_RAD = 0.03
@@ -30,12 +30,12 @@ _JITTER_RAD = 0.03
 
 
 class WorkedStrip(NamedTuple):
-    """Pose at a moment of a pass; a leading axis where there are several.
+    """Pose at a moment of a pass, or with a leading axis for several.
 
     Attributes:
-        x_m, y_m, yaw_rad: of the reference point.
+        x_m, y_m, yaw_rad: pose of the reference point.
         along_m, turned_rad: way of the reference point and turn since the pass began.
-        covariance: of forward, left and yaw, in the body's axes.
+        covariance: covariance of forward, left and yaw, in the body's axes.
     """
 
     x_m: Float[Array, "..."]
@@ -47,15 +47,15 @@ class WorkedStrip(NamedTuple):
 
 
 class RunningPass(NamedTuple):
-    """A pass so far.
+    """The current pass.
 
     Attributes:
-        going: the last moment belongs to a pass.
-        now: the last moment of one.
-        low, high: the moments farthest back and farthest on, along the way.
-        strips: of even distance, newest first.
-        strip_count: of those that belong to this pass.
-        begun_here: the oldest of them is the pass's first moment.
+        going: whether the last moment belongs to a pass.
+        now: last moment of the pass.
+        low, high: moments farthest back and farthest on along the way.
+        strips: moments at even distances, newest first.
+        strip_count: number of strips that belong to this pass.
+        begun_here: whether the oldest of them is the pass's first moment.
     """
 
     going: Bool[Array, "..."]
@@ -68,7 +68,7 @@ class RunningPass(NamedTuple):
 
 
 def init_pass() -> RunningPass:
-    """No pass yet; one lane."""
+    """Initial state without a pass; one batch element."""
     zero = jnp.float32(0.0)
     nowhere = WorkedStrip(zero, zero, zero, zero, zero, jnp.eye(3, dtype=jnp.float32))
     strips = jax.tree.map(lambda part: jnp.broadcast_to(part, (STRIPS, *part.shape)), nowhere)
@@ -82,15 +82,15 @@ def init_pass() -> RunningPass:
 def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMoment) -> RunningPass:
     """The pass with one more moment; it is not ``going`` if that moment does not count.
 
-    A moment counts if the tool is on and its pose and covariance can be used. A new pass begins with it where the last
-    one did not count, or where the tool cannot have swept on from there: it moved by more than its length, the body
-    turned more than in a gentle curve, or it came back over its own way.
+    A moment counts if the tool is on and its pose and covariance can be used. A new pass begins with it if the last one
+    did not count, or if the tool cannot have swept from there: it moved by more than its length, the body turned more
+    than in a gentle curve, or it came back over its own way.
 
     Args:
-        tool: its rectangle.
-        spacing_m: of the strips.
-        past: the pass before.
-        moment: one lane.
+        tool: rectangle of the tool.
+        spacing_m: spacing of the strips.
+        past: pass before the moment.
+        moment: moment of one batch element.
     """
     counts = moment.on & usable_moment(moment)
     last = past.now
@@ -133,12 +133,12 @@ def step_pass(tool: Tool, spacing_m: float, past: RunningPass, moment: ToolMomen
 def way_curvatures(
     tool: Tool, spacing_m: float, running: RunningPass
 ) -> tuple[Float[Array, " entry"], Bool[Array, " entry"]]:
-    """Curvature of the path around the last moment, then around each strip; and of which it can be told.
+    """Curvature of the path around the last moment, then around each strip; and whether it is known.
 
-    It is the smallest of those of the stretches of half a tool around, two before and two after as far as they were
-    driven; 0 where they differ in sign. Of fewer than two, where a pass has just begun, none can be told. A correction
-    of the heading is a jump within one stretch only, and so makes no curve. About a strip some of the way after it must
-    be known, for a curve may have ended there; the last moment claims nothing of what comes.
+    It is the smallest curvature of the surrounding stretches of half a tool, two before and two after as far as they
+    were driven; 0 if they differ in sign. With fewer than two, at the start of a pass, it is unknown. A correction of
+    the heading is a jump within one stretch only, and so makes no curve. For a strip some of the way after it must be
+    known, because a curve may have ended there; the last moment claims nothing ahead.
     """
     place, reach = np.arange(STRIPS + 1), max(1, math.ceil(0.5 * tool.length_m / spacing_m))
     along, turned = (
@@ -197,7 +197,7 @@ def covariance_in_body(covariance: Float[Array, "3 3"], yaw_rad: Float[Array, ""
 
 
 def _turned(covariance: Float[Array, "place 3 3"], turn_rad: Float[Array, " place"]) -> Float[Array, "place 3 3"]:
-    """Of the body's axes after a turn: the error stays where it is on the ground while the body turns."""
+    """Covariance in the body's axes after a turn: the error is fixed to the ground while the body turns."""
     cos, sin = jnp.cos(turn_rad), jnp.sin(turn_rad)
     forward = cos[:, None] * covariance[:, 0] + sin[:, None] * covariance[:, 1]
     left = cos[:, None] * covariance[:, 1] - sin[:, None] * covariance[:, 0]
@@ -241,10 +241,10 @@ class Passing(NamedTuple):
     """Motion of places through the tool's axes at the estimated pose; any leading axes.
 
     Attributes:
-        covariance: of forward (m), left (m) and yaw (rad) while the tool crosses the place.
-        left_m: offset of the place from the tool's centre as it crosses its axis.
-        curvature_radpm: of the place's way; 0 on a straight pass.
-        first_m, last_m: how far ahead of the tool's centre it was at the beginning of the pass, and is at its end.
+        covariance: covariance of forward (m), left (m) and yaw (rad) while the tool crosses the place.
+        left_m: offset of the place from the tool's centre as it crosses the tool's axis.
+        curvature_radpm: curvature of the place's way; 0 on a straight pass.
+        first_m, last_m: distance of the place ahead of the tool's centre at the beginning and at the end of the pass.
     """
 
     covariance: Float[Array, "... 3 3"]
@@ -258,12 +258,12 @@ def pass_probability(tool: Tool, passing: Passing) -> Float[Array, "..."]:
     """Probability that the tool was over each place between the beginning and the end of a pass.
 
     Args:
-        tool: its rectangle.
-        passing: of the places; covariances must be positive definite.
+        tool: rectangle of the tool.
+        passing: motion of the places; covariances must be positive definite.
     """
     half_length = 0.5 * tool.length_m
     side = passing.left_m + tool.left_m
-    # On an arc the axes of the error turn with the body: what is along the way where the pass begins or ends counts.
+    # On an arc the axes of the error turn with the body: the error along the way at the pass's start or end counts.
     end_m = jnp.where(
         passing.last_m > -half_length,
         jnp.clip(passing.last_m, -half_length, half_length),
@@ -358,7 +358,7 @@ def _aside(
         return drawn - left_m - 2.0 * curvature_radpm * turned / (1.0 + root)
 
     middle, half_span = 0.5 * (behind + before), 0.5 * (before - behind)
-    # Z in the middle of the range, and the yaw as far as it is told by that and as far as it is not.
+    # Z in the middle of the range, and the parts of the yaw that are correlated with it and independent of it.
     shared = error.left_yaw_m + middle * error.yaw_rad2
     middle_m2 = jnp.maximum(error.left_m2 + middle * (error.left_yaw_m + shared), _LEAST_M2)
     slope = jnp.clip(half_span * shared / middle_m2, -0.5, 0.5)
@@ -377,9 +377,9 @@ class _Ends(NamedTuple):
     """Z at both ends of the range.
 
     Attributes:
-        behind, before: expected there.
-        behind_gain, before_gain: how far Z in the middle moves for a metre there.
-        spread_m: standard deviation of what the rest of the yaw adds, with opposite signs.
+        behind, before: expected values of Z.
+        behind_gain, before_gain: change of Z in the middle per metre at the end.
+        spread_m: standard deviation due to the independent part of the yaw, with opposite signs at the two ends.
     """
 
     behind: Float[Array, "..."]
@@ -420,15 +420,15 @@ _REACH_WIDTHS = 0.5
 
 _FAR_RAD = 0.5
 _FIXED_SHARE = 0.97
-"""Of a strip's variance aside, below which the present one is the better: less than rounding leaves as it was."""
+"""Share of a strip's lateral variance below which the present variance is better; changes by rounding stay above."""
 
 
 class WorkedState(NamedTuple):
-    """The map, and the pass that is being driven.
+    """The map, and the current pass.
 
     Attributes:
-        probability: that the tool was over the cell's centre, by the best pass so far.
-        running: the pass.
+        probability: probability that the tool was over the cell's centre, by the best pass so far.
+        running: current pass.
     """
 
     probability: Float[Array, "north east"]
@@ -436,7 +436,7 @@ class WorkedState(NamedTuple):
 
 
 def init_worked(grid: CellGrid) -> WorkedState:
-    """Nothing worked yet."""
+    """Initial state without worked cells."""
     return WorkedState(jnp.zeros(grid.shape, jnp.float32), init_pass())
 
 
@@ -450,14 +450,14 @@ def step_worked(
 ) -> WorkedState:
     """The map with one more moment.
 
-    Nothing is claimed for a moment that does not count (``step_pass`` says when), nor between moments that the tool
-    cannot have swept between.
+    Nothing is claimed for a moment that does not count (see ``step_pass``), nor between moments that the tool cannot
+    have swept between.
 
     Args:
-        grid: of the map.
-        tool: its rectangle, as plain numbers.
-        state: before; it is given up.
-        moment: one lane; more by ``vmap``.
+        grid: grid of the map.
+        tool: rectangle of the tool, as plain numbers.
+        state: state before the moment; its buffers are donated.
+        moment: moment of one batch element; more by ``vmap``.
         shared_sigma_m: see ``run_worked``.
     """
     return _step(grid, tool, state, moment, shared_sigma_m)
@@ -471,15 +471,15 @@ def run_worked(
     moments: ToolMoment,
     shared_sigma_m: float | Float[Array, ""] = 0.0,
 ) -> WorkedState:
-    """The map after moments with a leading axis of time: the same step, one after the other.
+    """The map after moments with a leading axis of time: the same step for each in order.
 
     Args:
-        grid: of the map.
-        tool: its rectangle, as plain numbers.
-        state: before.
-        moments: in order.
-        shared_sigma_m: an axis, of the error that all positions share and no filter sees: of the base, and of where the
-            tool is mounted. It is added to every moment's covariance; that it is the same for all is not made use of.
+        grid: grid of the map.
+        tool: rectangle of the tool, as plain numbers.
+        state: state before the moments.
+        moments: moments in order.
+        shared_sigma_m: standard deviation per axis of the error common to all positions, which no filter sees: of the
+            base, and of the tool's mounting. It is added to every moment's covariance as if it were independent.
     """
 
     def step(carried: WorkedState, moment: ToolMoment) -> tuple[WorkedState, None]:
@@ -506,15 +506,15 @@ def _step(
     middle_x, middle_y = tool_centre(tool, running.now.x_m, running.now.y_m, running.now.yaw_rad)
     first_row = _first_cell(middle_y - grid.north_m, grid.cell_m, rows, grid.north_cells)
     first_column = _first_cell(middle_x - grid.east_m, grid.cell_m, columns, grid.east_cells)
-    # From the slice's own corner, which the border may have moved: no cell is taken for another one.
+    # Relative to the slice's own corner, which the border may have moved, so that no cell is confused with another.
     north = grid.north_m + grid.cell_m * (first_row.astype(jnp.float32) + jnp.arange(rows, dtype=jnp.float32) + 0.5)
     east = grid.east_m + grid.cell_m * (first_column.astype(jnp.float32) + jnp.arange(columns, dtype=jnp.float32) + 0.5)
     x = jnp.broadcast_to(east[None, :], (rows, columns)).ravel()
     y = jnp.broadcast_to(north[:, None], (rows, columns)).ravel()
 
     passing, known = _crossed(tool, spacing_m, running, x, y)
-    # At the border the slice is moved, away from a tool that is beyond it: what is out of its reach is not claimed. The
-    # formulas are those of places near the tool; across the centre of a tight turn they mean nothing.
+    # At the border the slice is moved away from a tool that is beyond it: cells out of the tool's reach are not
+    # claimed. The formulas hold near the tool; across the centre of a tight turn they are meaningless.
     near = jnp.maximum(jnp.abs(x - middle_x), jnp.abs(y - middle_y)) <= reach_m + grid.cell_m
     claims = known & near & running.going
     claimed = jnp.where(claims, pass_probability(tool, passing), 0.0).reshape(rows, columns)
@@ -536,7 +536,7 @@ def _crossed(
     x_m: Float[Array, " place"],
     y_m: Float[Array, " place"],
 ) -> tuple[Passing, Bool[Array, " place"]]:
-    """How the tool crossed places, by the strip whose axis each lies nearest to; and where the strips still tell."""
+    """Motion of the tool over places, by the strip with the nearest axis; and mask of places that the strips cover."""
     strips, now = running.strips, running.now
 
     def joined(one: Float[Array, ""], many: Float[Array, " strip"]) -> Float[Array, " entry"]:
@@ -553,10 +553,10 @@ def _crossed(
     there = jnp.concatenate([jnp.ones(1, bool), jnp.arange(STRIPS) < running.strip_count])
     ahead = x_m[:, None] * cos[None] + y_m[:, None] * sin[None] - (cos * centre_x + sin * centre_y)[None]
     nearest = jnp.argmin(jnp.where(there[None], jnp.abs(ahead), jnp.inf), axis=1)
-    # A new fix improves the place of the tool at this moment, but not of its path to it.
+    # A new fix improves the tool's position at this moment, but not its path to it.
     aside = covariance[:, 1, 1] + tool.ahead_m * (2.0 * covariance[:, 1, 2] + tool.ahead_m * covariance[:, 2, 2])
     fixed = (jnp.abs(ahead[:, 0]) <= 0.5 * tool.length_m) & (aside[0] < _FIXED_SHARE * aside[nearest])
-    # The map keeps its largest value: what a way taken for straight would claim before its curve is told would stay.
+    # The map keeps its largest value: a claim made with an unknown curvature taken as straight would stay.
     alone = fixed | ~told[nearest]
     nearest = jnp.where(alone, 0, nearest)
 

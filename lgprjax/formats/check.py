@@ -74,7 +74,7 @@ def _check_drive(path: Path) -> Iterator[Finding]:
 
 
 def check_file(path: str | Path) -> list[Finding]:
-    """Findings of a file, by its suffix: ``.drive.h5``, ``.map.h5``, ``.vehicle.toml`` and whatever has a schema.
+    """Findings of a file, by its suffix: ``.drive.h5``, ``.map.h5``, ``.vehicle.toml`` and others with a schema.
 
     An HDF5 file with another suffix is validated against the schema that it names itself. Radar data are read block by
     block, so that memory stays small. An empty list means that the file is valid.

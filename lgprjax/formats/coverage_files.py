@@ -36,20 +36,20 @@ _COMPUTED = "computed_corner"
 
 
 class CoverPlan(NamedTuple):
-    """A field and how it is covered.
+    """A field and its coverage plan.
 
     Attributes:
-        name: of the field.
-        frame: local metres around the plan's anchor.
-        pattern: including the field and the settings.
-        tool: of the vehicle.
-        vehicle_name, vehicle_sha256: of that vehicle's file.
+        name: name of the field.
+        frame: local frame at the plan's anchor.
+        pattern: pattern, including the field and the settings.
+        tool: tool of the vehicle.
+        vehicle_name, vehicle_sha256: name and SHA-256 of the vehicle's file.
         made_by: program and version.
-        ground: declared safe to drive on; ``None``: around the field, as far as the plan's turns need.
-        keep_outs_m: rings, with their buffers, that nothing may reach into.
-        rooms_m: declared to be safe outside each side of the field, from its first corner on; empty: none was declared.
-        computed_corner: of the perimeter's, from 0, the one that follows from three that were driven to; ``None``: all
-            were given. Nobody was there yet.
+        ground: ground declared safe to drive on; ``None``: around the field, as far as the plan's turns need.
+        keep_outs_m: rings of the keep-outs, including their buffers.
+        rooms_m: room declared safe outside each side of the field, from its first corner on; empty: not declared.
+        computed_corner: index, from 0, of the perimeter's corner that is computed from three driven corners and was not
+            visited; ``None``: all corners were given.
     """
 
     name: str
@@ -71,13 +71,13 @@ def write_cover_plan(
     """Write a plan.
 
     Args:
-        path: ``X.cover.geojson``.
-        plan: to write.
+        path: path of ``X.cover.geojson``.
+        plan: plan to write.
         turns_m: points along each of its turns, for display on a map.
-        force: replace an output that exists.
+        force: whether to replace an existing output.
 
     Raises:
-        InputError: a value is not as the schema says, or the output exists (without ``force``) or cannot be written.
+        InputError: a value violates the schema, or the output exists (without ``force``) or cannot be written.
     """
     member = _member(plan)
     for finding in _member_findings(str(path), member):
@@ -108,7 +108,7 @@ def cover_plan_findings(path: Path) -> Iterator[Finding]:
     """Every problem of a plan's file.
 
     Raises:
-        InputError: it cannot be read, or is not JSON.
+        InputError: the file cannot be read, or is not JSON.
     """
     return _problems(path, _load(path))
 
@@ -188,9 +188,9 @@ def _member(plan: CoverPlan) -> dict[str, Any]:
 
 
 def _version_of(plan: CoverPlan) -> str:
-    """The oldest version whose readers drive the plan as it is meant.
+    """The oldest version whose readers drive the plan correctly.
 
-    They lay the fence around the field and know no way in reverse: what needs more they must refuse.
+    Old readers lay the fence around the field and do not support reverse: they must refuse plans that need more.
     """
     old = plan.ground is None and not plan.keep_outs_m and plan.pattern.settings.order in ("zamboni", "boustrophedon")
     if old and not plan.rooms_m:
@@ -297,7 +297,7 @@ def _features(plan: CoverPlan, turns_m: Sequence[Float[np.ndarray, "_ 2"]]) -> l
 
 
 def _computed_corner(features: list[dict[str, Any]]) -> int | None:
-    """It stands among the features, for map programs and so that older readers still drive the plan."""
+    """Index of the computed corner, stored as a feature for map programs and older readers; ``None`` without one."""
     found = [each["properties"]["corner"] for each in features if each["properties"].get("kind") == _COMPUTED]
     return int(found[0]) - 1 if found else None
 

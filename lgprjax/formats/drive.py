@@ -76,7 +76,7 @@ class TraceRecording:
         time_zero_ns: time zero, relative to sample 0.
         zero_level: stored value of no signal (128 for unsigned bytes).
         centre_frequency_hz: nominal centre frequency, ``None`` when unknown.
-        samples: samples a trace.
+        samples: number of samples per trace.
     """
 
     sample_interval_ns: float
@@ -91,13 +91,13 @@ class SweepRecording:
     """Recording of stepped-frequency sweeps, with the look-up sweeps taken in empty space.
 
     Attributes:
-        frequencies_hz: of the steps.
-        lookup_sweeps, lookup_calibration_sweep: of every channel and of the calibration channel in empty space.
+        frequencies_hz: frequencies of the steps.
+        lookup_sweeps, lookup_calibration_sweep: sweeps of every channel and of the calibration channel in empty space.
         group_delay_ns: delay of the calibration channel's path, which division by it subtracts from every echo.
-        channel_gain, channel_delay_ns: of each channel relative to the array's mean; ``None`` if not measured, meaning
-            gains of 1 and delays of 0.
-        channel_valid: false for channels that could not be calibrated, whose data are not used; ``None``: all are.
-            A drive log stores it with the scans.
+        channel_gain, channel_delay_ns: gain and delay of each channel relative to the array's mean; ``None`` if not
+            measured, meaning gains of 1 and delays of 0.
+        channel_valid: false for channels that could not be calibrated, whose data are not used; ``None``: all are
+            valid. A drive log stores it with the scans.
     """
 
     frequencies_hz: Float[np.ndarray, " frequency"]
@@ -120,11 +120,11 @@ class SweepRecording:
 
 @dataclass(frozen=True)
 class OnBoardSearch:
-    """The search of a run as it was made on board.
+    """The search of a run on board.
 
     Attributes:
-        frame: of the map.
-        scans: what each scan's search was given and what it found, by the names of ``/on_board``.
+        frame: frame of the map.
+        scans: inputs and results of each scan's search, by the names of ``/on_board``.
     """
 
     frame: LocalFrame
@@ -133,7 +133,7 @@ class OnBoardSearch:
 
 @dataclass(frozen=True)
 class DriveDescription:
-    """Everything of a drive except its radar data.
+    """Description of a drive without its radar data.
 
     Attributes:
         name: name of the drive.
@@ -143,11 +143,11 @@ class DriveDescription:
         navigation: GNSS/INS poses, with the sigmas stated by the recording.
         odometry: signed travel.
         truth: true poses (synthetic, or RTK), without sigmas.
-        vehicle: signals by name, ``time_s`` among them.
+        vehicle: signals by name, including ``time_s``.
         provenance: steps, parameters and inputs of the log; must be JSON.
-        serial_number: of the vehicle, stored with its signals; ``None`` if unknown.
-        plan: decisions of the autopilot, by name, ``time_s`` among them.
-        on_board: the search of a run as it was made on board.
+        serial_number: serial number of the vehicle, stored with its signals; ``None`` if unknown.
+        plan: decisions of the autopilot, by name, including ``time_s``.
+        on_board: search of the run on board.
     """
 
     name: str
@@ -302,7 +302,7 @@ class DriveWriter:
 
 
 def _numbers(argument: str, given: npt.ArrayLike) -> np.ndarray:
-    """What a caller passed as an array. Raises ``ArgumentError`` where it is none of numbers."""
+    """A caller's argument as an array. Raises ``ArgumentError`` if it does not hold numbers."""
     try:
         made = np.asarray(given)
     except ValueError:  # rows of different lengths
@@ -438,7 +438,7 @@ class DriveLog:
         description: everything except the radar data.
         scan_time_s: float64 [scan], seconds since ``description.t0_utc``, strictly increasing.
         scans, channels: sizes of the recording.
-        samples: samples a trace, or frequencies a sweep.
+        samples: number of samples per trace, or of frequencies per sweep.
     """
 
     def __init__(self, path: Path, store: h5py.File) -> None:

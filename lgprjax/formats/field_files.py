@@ -43,7 +43,7 @@ class PlacedGround(NamedTuple):
     """Ground that a plan declares safe, on WGS-84.
 
     Attributes:
-        parts: of each its outer ring, then its holes: latitude, longitude and height of each corner.
+        parts: outer ring, then holes, of each part: latitude, longitude and height of each corner.
         clearance_m: see ``SafeGround``.
     """
 
@@ -55,13 +55,13 @@ class FieldPlaces(NamedTuple):
     """Corners of a field on WGS-84.
 
     Attributes:
-        latitude_deg, longitude_deg, height_m: of each; longitudes go on beyond 180 degrees across the antimeridian; the
-            height is ellipsoidal, 0 if the file has none.
-        driven: the three corners were driven to, and the fourth is computed. Else all are given.
+        latitude_deg, longitude_deg, height_m: position of each corner; longitudes continue beyond 180 degrees across
+            the antimeridian; the height is ellipsoidal, 0 if the file has none.
+        driven: whether three corners were driven to, and the fourth is computed. Else all are given.
         keep_outs: holes of the polygon, and polygons of kind ``keep_out``.
-        rooms_m: declared outside each side, where the file is a plan that knows it.
-        ground: declared safe, where the file is a plan with such ground.
-        notes: what reading left out or changed.
+        rooms_m: declared room outside each side, if the file is a plan with it.
+        ground: ground declared safe, if the file is a plan with such ground.
+        notes: notes on corners left out or changed.
     """
 
     latitude_deg: Float[np.ndarray, " corner"]
@@ -205,11 +205,11 @@ def _from_geojson(file: Path, polygon: str | None) -> FieldPlaces:
             keep_outs += [(rings[0], buffer_m) for rings in _whole(_polygons(file, each))]
     found = _field(file, outer, keep_outs, notes)
     if isinstance(table.get(MEMBER), dict):
-        # A plan that was changed declares what nobody has declared.
+        # A changed plan would declare ground without a declaration.
         plan = read_cover_plan(file)
         found = found._replace(rooms_m=plan.rooms_m)
         if plan.ground is not None:
-            # As drawn on the map: its corners lie on the level that those of the field lie on.
+            # The ground drawn on the map, with its corners at the height of the field's corners.
             drawn = (_polygons(file, each) for each, properties in every if properties.get("kind") == "ground")
             parts = tuple(
                 tuple(np.nan_to_num(ring[:-1]) for ring in rings) for polygons in drawn for rings in _whole(polygons)
@@ -221,7 +221,7 @@ def _from_geojson(file: Path, polygon: str | None) -> FieldPlaces:
 def _geometries(
     table: dict[str, Any], properties: dict[str, Any] | None = None
 ) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Geometries of a GeoJSON object, whatever kind it is, with the properties of their features."""
+    """Geometries of a GeoJSON object of any kind, with the properties of their features."""
     kind = table.get("type")
     members = {"FeatureCollection": "features", "GeometryCollection": "geometries"}.get(str(kind))
     if members is not None:
@@ -256,7 +256,7 @@ def _ring(file: Path, positions: Sequence[object]) -> Ring:
 
 
 def _position(file: Path, number: int, position: object) -> tuple[float, float, float]:
-    """Latitude, longitude and height of a GeoJSON position; a height that is no number is not known."""
+    """Latitude, longitude and height of a GeoJSON position; the height is NaN if it is not a number."""
     place = f"corner {number + 1}"
     if not isinstance(position, list) or len(position) < 2:
         raise InputError(file, place, "longitude and latitude", repr(position)[:40])

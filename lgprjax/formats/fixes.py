@@ -43,12 +43,12 @@ def write_fixes(
     """Write the fixes of a drive as CSV and as HDF5; both appear, or neither.
 
     Args:
-        csv_path, h5_path: the outputs.
-        table: one row a scan with the schema's columns; optional ones may be missing. NaN means no value.
+        csv_path, h5_path: paths of the outputs.
+        table: one row per scan with the schema's columns; optional ones may be missing. NaN means no value.
         attributes: root attributes of the HDF5 file: texts and numbers as such, anything else as JSON.
         pose_m: east_m, north_m, height_m, yaw_rad, roll_rad in the map frame.
-        covariance: of ``pose_m``, in its order.
-        force: replace outputs that exist.
+        covariance: covariance of ``pose_m``, in its order.
+        force: whether to replace existing outputs.
 
     Raises:
         InputError: an output exists or cannot be written, or the table does not match the schema.
@@ -102,21 +102,21 @@ def read_fix_poses(
 
 
 def drive_hash_of(table: pd.DataFrame) -> str | None:
-    """SHA-256 of the drive log that fixes were made from, where their file tells it."""
+    """SHA-256 of the fixes' drive log, if their file states it."""
     with suppress(ValueError, TypeError, KeyError):
         return str(json.loads(table.attrs["provenance"])["drive"]["sha256"])
     return None
 
 
 def refuse_other_drive(path: str | Path, table: pd.DataFrame, drive: Path) -> None:
-    """Raise ``InputError`` where the fixes in ``path`` tell that they were made from another file than ``drive``."""
+    """Raise ``InputError`` if the provenance of the fixes in ``path`` names another file than ``drive``."""
     known = drive_hash_of(table)
     if known is not None and known != file_hash(drive):
         raise InputError(path, "provenance", f"fixes of the current {drive.name}", "fixes of another drive log")
 
 
 def table_findings(path: str | Path, table: pd.DataFrame) -> Iterator[Finding]:
-    """What does not match the schema in a table of fixes."""
+    """Schema violations of a table of fixes."""
     file = str(path)
     if table.empty:
         yield Finding(file, "rows", "at least one fix", "none")

@@ -14,7 +14,7 @@ DECIMALS = 10
 _ON_SIDE_DEG = 1e-7
 
 Ring = Float[np.ndarray, "corner 3"]
-"""Latitude, longitude and height of each corner; the height is NaN where there is none."""
+"""Latitude, longitude and height of each corner; the height is NaN if missing."""
 
 
 def continuous(longitude_deg: Float[np.ndarray, " place"], around_deg: float) -> Float[np.ndarray, " place"]:
@@ -99,7 +99,7 @@ def joined(parts: Sequence[Sequence[Ring]]) -> list[Ring] | None:
 
 
 def _without_cuts(corners: Float[np.ndarray, "corner 2"]) -> Float[np.ndarray, "corner 2"]:
-    """Corners of a ring but those on the antimeridian that lie on a side."""
+    """Corners of a ring without those on the antimeridian that are on a side."""
     before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
     way, own = after - before, corners - before
     off = np.abs(way[:, 0] * own[:, 1] - way[:, 1] * own[:, 0]) / np.maximum(np.hypot(*way.T), 1e-12)

@@ -37,19 +37,19 @@ class LineFinding:
     """Findings on one line. Samples count from 0; metres as in the drive log.
 
     Attributes:
-        file: its name; with its folder if several lines have the name.
-        traces: number read.
+        file: name of the file; with its folder if several lines have the name.
+        traces: number of traces read.
         cut: traces read of the total, if the file was truncated; else ``None``.
-        time_zero_header, first_break, direct_wave, time_zero: samples: of the header, of the direct wave's first break
-            and of its strongest lobe, and the one used.
+        time_zero_header, first_break, direct_wave, time_zero: time zero in samples by the header, by the direct wave's
+            first break and by its strongest lobe, and the one used.
         time_zero_from: ``header``, ``first break`` or ``option``.
-        sign: of the direct wave's first lobe; 0 if it is not detected.
+        sign: sign of the direct wave's first lobe; 0 if it is not detected.
         inverted: whether the traces were inverted.
         reversed: whether the order of the traces was reversed.
         direction_from: ``header``, ``neighbours``, ``topography``, ``receiver``, ``option``, or ``assumed``: as stored.
-        start_m: along the lines' direction; 0 where each trace has its own place on the earth.
+        start_m: start along the lines' direction; 0 if each trace has its own geographic position.
         start_from: ``header``, ``topography``, ``receiver``, ``neighbours`` or ``tape``.
-        correlation: with the previous line, at the best lag; 0 for the first.
+        correlation: correlation with the previous line, at the best lag; 0 for the first.
     """
 
     file: str
@@ -69,7 +69,7 @@ class LineFinding:
     correlation: float
 
     def as_record(self) -> dict[str, object]:
-        """For the provenance of a drive log."""
+        """The finding as a table, for the provenance of a drive log."""
         return asdict(self)
 
 
@@ -77,8 +77,8 @@ class FoundLine(NamedTuple):
     """A line in the survey's direction, with the survey's sign and its own time zero.
 
     Attributes:
-        profile: its traces, corrected.
-        along_m: place of each trace, rising.
+        profile: corrected traces.
+        along_m: position of each trace along the line, rising.
         finding: findings and changes.
     """
 
@@ -101,16 +101,16 @@ def find_lines(
     """Examine the lines of a survey and correct errors of their headers.
 
     Args:
-        lines: of one channel each, in spatial order.
-        time_zero: ``auto``: the header's where it agrees with the direct wave, else the first break, as far from it as
-            the other headers are; ``header``; or nanoseconds after the first sample, for all lines.
+        lines: lines of one channel each, in spatial order.
+        time_zero: ``auto``: the header's if it agrees with the direct wave, else the first break plus the offset of the
+            other headers from theirs; ``header``; or nanoseconds after the first sample, for all lines.
         polarity: ``auto``: lines with a sign other than most are inverted; ``keep``.
         reversed_lines: ``auto``: those whose header positions fall, if any do, or else detected; ``odd`` or ``even``:
             by the numbers in their names; or their numbers from 0.
         length_m: length over which every line is spread evenly.
-        topography_m: place of each trace along the lines' direction, in the order of the survey.
-        topography_from: source of these places.
-        on_earth_by: source of each stored trace's own place on the earth, such as ``receiver``: directions and starts
+        topography_m: position of each trace along the lines' direction, in the order of the survey.
+        topography_from: source of these positions.
+        on_earth_by: source of each stored trace's own geographic position, such as ``receiver``: directions and starts
             are then not estimated, and ``reversed_lines`` and ``topography_m`` are unused.
 
     Raises:
@@ -128,7 +128,7 @@ def find_lines(
     if on_earth_by is not None:
         backwards, direction_from, topography_m = [False] * len(lines), [on_earth_by] * len(lines), None
     elif reversed_lines == "auto" and topography_m is None and any(_falls(line) for line in lines):
-        # Positions rise by default: where some fall, somebody has told the way of every line.
+        # Positions rise by default: if some fall, the direction of every line was recorded.
         backwards, direction_from = [_falls(line) for line in lines], ["header"] * len(lines)
     else:
         backwards, direction_from = _directions(lines, images, step_m, reversed_lines)

@@ -52,13 +52,13 @@ def write_lines(
         lines: the lines, leftmost first.
         left_m, forward_m: place of each line's antenna in the body frame.
         place: origin and direction.
-        output: the drive log.
+        output: path of the drive log.
         provenance: provenance of the drive log; the resampling of the lines is added.
         assumed: assumptions of the caller; take precedence over those made here for any straight line.
         length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
         along_m: position of each line's traces ahead of ``place``, rising, where known from another source.
-        force: replace an output that exists.
+        force: whether to replace an existing output.
 
     Returns:
         All assumptions, as stored in the provenance.
@@ -205,7 +205,7 @@ def check_steps(line: Profile, place_m: Float[np.ndarray, " trace"]) -> None:
 
 
 def _on_own_grid(along_m: Float[np.ndarray, " trace"]) -> Float[np.ndarray, " trace"]:
-    """Places that are whole numbers of one step apart, exactly so; any others as they are.
+    """Positions that are whole numbers of one step apart, rounded to them exactly; others are unchanged.
 
     Headers round places: a step between two of them is off by more than the step that all of them have.
     """
@@ -296,13 +296,13 @@ def write_positioned_lines(
     """Write lines of one channel each as one drive log of one channel, traces as they were recorded.
 
     Args:
-        lines: in the order in which they were driven.
-        latitude_deg, longitude_deg, height_m: of the traces, WGS-84.
-        travel_m: of the traces along their line, never falling.
-        output: the drive log.
+        lines: lines in the order of driving.
+        latitude_deg, longitude_deg, height_m: WGS-84 positions of the traces.
+        travel_m: travel of the traces along their line, never falling.
+        output: path of the drive log.
         provenance: provenance of the drive log.
         assumed: assumptions of the caller; those made here for any such line are added.
-        force: replace an output that exists.
+        force: whether to replace an existing output.
 
     Returns:
         All assumptions, as stored in the provenance.
@@ -321,7 +321,7 @@ def write_positioned_lines(
         except ValueError:
             raise InputError(line.path, "positions", "positions along a line", "one position") from None
         travels.append(begin_m + own - own[0])
-        # Traces may repeat a place (the antenna stood, or coordinates are coarse), but a clock must rise.
+        # Traces may repeat a position (at standstill, or with coarse coordinates), but a clock must rise.
         length_m = float(own[-1] - own[0])
         times.append((begin_m + np.arange(traces) * length_m / (traces - 1)) / SURVEY_SPEED_MPS)
         begin_m += length_m + _BETWEEN_LINES_M

@@ -103,19 +103,19 @@ _ANTENNA_UNITS_HELD = 8
 class MapFile:
     """A subsurface database, open for reading; a context manager and a ``StationSource``.
 
-    In memory are the stretches of the tracks and the tiles' frames, about 100 bytes a metre of baseline; everything
-    else is read when a tile needs it. Damaged data raise ``InputError`` when read, naming dataset and stations. Files
-    of version 1.0 have their poses in memory, 60 bytes a station.
+    The stretches of the tracks and the tiles' frames are held in memory, about 100 bytes per metre of baseline;
+    everything else is read when a tile needs it. Damaged data raise ``InputError`` when read, naming dataset and
+    stations. Files of version 1.0 have their poses in memory, 60 bytes per station.
 
     Attributes:
-        path: of the file.
-        description: of the whole map.
+        path: path of the file.
+        description: description of the whole map.
         provenance: steps and inputs of the map.
-        precision: of the traces.
+        precision: precision of the traces.
         places: positions of the stations.
         tile_frame: east_m, north_m, yaw_rad of every tile.
-        height_reference_m: antenna height above the ground that each tile is reduced to.
-        chance: false-match statistics of the map; None if the file has none.
+        height_reference_m: antenna height above the ground to which each tile is reduced.
+        chance: false-match statistics of the map; ``None`` if the file has none.
     """
 
     def __init__(self, path: Path, store: h5py.File) -> None:
@@ -184,12 +184,12 @@ class MapFile:
 
     @property
     def pose(self) -> Float[np.ndarray, "scan 5"]:
-        """Of every station, read whole and cached."""
+        """Pose of every station, read whole and cached."""
         return self._all.pose
 
     @property
     def ground_up_m(self) -> Float[np.ndarray, " scan"]:
-        """Of the ground under every station, read whole and cached."""
+        """Height of the ground under every station, read whole and cached."""
         return self._all.ground_up_m
 
     @property
@@ -199,7 +199,7 @@ class MapFile:
 
     @property
     def retired(self) -> Integer[np.ndarray, " scan"]:
-        """Of every station, number of the update that took it out of use; 0 while it is in use."""
+        """Number of the update that retired each station; 0 while it is in use."""
         return self._retired(np.arange(len(self.places)))
 
     def read_stations(self, stations: Int[np.ndarray, " scan"]) -> Stations:
@@ -319,7 +319,7 @@ class MapHistory(NamedTuple):
     """History of a map's baselines, from its provenance.
 
     Attributes:
-        inputs: one row a baseline, empty if missing.
+        inputs: one row per baseline, empty if missing.
         updates: rows of the updates so far.
         agreement: median score of the matches of its first baselines, as far as that has been measured.
         repeats: share of each baseline's signal that is ground; NaN where not measured.

@@ -1,7 +1,7 @@
 """Storage of a map's rows: quantised differences between stations; coded traces; false-match statistics.
 
-Neighbouring stations are similar: as whole numbers of a small unit, each minus the previous one, their places take few
-bytes. The differences restart every ``UNIT`` stations, so that a long map can be read in parts.
+Neighbouring stations are similar, so their positions are stored in few bytes, as differences in whole numbers of a
+small unit. The differences restart every ``UNIT`` stations, so that a long map can be read in parts.
 """
 
 import json
@@ -24,11 +24,11 @@ from lgprjax.subsurface import StationBlock, StationPositions
 UNIT = 1024
 """Stations that are read together; also those of a chunk."""
 PLACE_UNITS = np.array([1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1.0, 1e-4])
-"""Of the columns east, north, height (m), yaw, roll (rad), ground_up (m), drive, time (s)."""
+"""Units of the columns east, north, height (m), yaw, roll (rad), ground_up (m), drive, time (s)."""
 ANTENNA_UNIT_M = 1e-4
 _ANTENNA_STEP = 5
-"""In units: channels are where the vehicle was when the switch matrix reached them, to half a millimetre; finer
-steps would store the odometer's noise.
+"""Step of antenna positions, in units: half a millimetre; each channel is at the vehicle's position when the switch
+matrix reached it, and finer steps would store the odometer's noise.
 """
 
 
@@ -48,9 +48,9 @@ class SummedRows:
     """Rows stored as differences; the last ones read are cached.
 
     Args:
-        dataset: of whole numbers.
-        path: of the file, for messages.
-        keep: units held in memory.
+        dataset: dataset of whole numbers.
+        path: path of the file, for messages.
+        keep: number of units held in memory.
     """
 
     def __init__(self, dataset: h5py.Dataset, path: Path, keep: int) -> None:
@@ -75,7 +75,7 @@ def differences(values: np.ndarray, before: np.ndarray | None, first: int) -> np
 
     Args:
         values: the rows, whole numbers.
-        before: the row before the first of them; None if there is none.
+        before: row before the first of them; ``None`` without one.
         first: number of the first of them.
     """
     earlier = np.concatenate([np.zeros_like(values[:1]) if before is None else before[None], values[:-1]])
@@ -130,8 +130,8 @@ class MapPrecision(NamedTuple):
     """Precision of stored traces.
 
     Attributes:
-        name: of the setting.
-        step_rms: of rounding, in RMS values of a station's gained samples; None for samples as 16-bit floats.
+        name: name of the setting.
+        step_rms: rounding step in RMS values of a station's gained samples; ``None`` for samples as 16-bit floats.
     """
 
     name: str
@@ -175,8 +175,8 @@ def trace_code(
     Args:
         products: sum over all traces of the product of each two samples, before the gain.
         traces: number of traces summed.
-        gain: of the map.
-        step_rms: of rounding.
+        gain: gain of the map.
+        step_rms: rounding step.
     """
     weight = gain.astype(np.float64)
     _, vector = np.linalg.eigh(weight[:, None] * products * weight)
@@ -219,10 +219,10 @@ class StoredStations(NamedTuple):
     """Consecutive stations in the numbers of the file.
 
     Attributes:
-        place: in ``PLACE_UNITS``.
+        place: rows in ``PLACE_UNITS``.
         antenna: see ``antenna_codes``.
-        valid: channels that hold data, whether or not the station is retired.
-        traces: as samples, or as codes.
+        valid: mask of channels with data, whether or not the station is retired.
+        traces: traces as samples, or as codes.
     """
 
     place: Int[np.ndarray, "scan 8"]

@@ -44,14 +44,14 @@ _SCHEMA = load_schema("map")
 
 
 class MapWriter:
-    """A subsurface database being written; a context manager. It appears under its name when it is complete.
+    """A subsurface database being written; a context manager. It gets its name when it is complete.
 
     Codes need the depth gain, which is known after all baselines: until then traces are kept in an unnamed file next to
     the output.
 
     Attributes:
-        stations: appended so far.
-        precision: of the traces.
+        stations: number of stations appended so far.
+        precision: precision of the traces.
     """
 
     def __init__(
@@ -141,15 +141,14 @@ class MapWriter:
         provenance: dict[str, object],
         retired: Integer[np.ndarray, " scan"] | None = None,
     ) -> None:
-        """Write what is known only at the end: gain, tiles, the description of the map, and with the gain the codes.
+        """Write the parts known only at the end: gain, tiles, the description of the map, and with the gain the codes.
 
         Args:
-            description: of the map.
+            description: description of the map.
             tile_frame: east_m, north_m, yaw_rad of every tile.
-            height_reference_m: antenna height above the ground that each tile is reduced to.
+            height_reference_m: antenna height above the ground to which each tile is reduced.
             provenance: steps and inputs of the map.
-            retired: of every station, number of the update that took it out of use, 0 while it is in use; without it
-                all are.
+            retired: number of the update that retired each station, 0 while it is in use; ``None``: all are in use.
         """
         if self._waiting is not None:
             self._encode_waiting(description)
@@ -257,7 +256,7 @@ class MapWriter:
             self._output.check()
 
 
-# Stations copied from map to map as stored: no trace is rounded a second time.
+# Stations are copied from map to map as stored, without rounding traces again.
 
 
 def copy_stations(source: MapFile, writer: MapWriter, pose: Float[np.ndarray, "scan 5"] | None = None) -> None:
@@ -268,9 +267,9 @@ def copy_stations(source: MapFile, writer: MapWriter, pose: Float[np.ndarray, "s
     times to 0.1 ms. Weights and retired stations are given to ``finish``.
 
     Args:
-        source: the map.
-        writer: of the new map.
-        pose: of every station, in place of the source's; antennas turn and tilt with it.
+        source: map to copy.
+        writer: writer of the new map.
+        pose: pose of every station, in place of the source's; antennas turn and tilt with it.
 
     Raises:
         InputError: a part of the source is damaged, or the writer's stations are stored differently.
@@ -312,7 +311,7 @@ def locked_map(path: str | Path) -> Iterator[None]:
         path: the map, which need not exist yet.
 
     Raises:
-        InputError: another process writes the map (it says which one), or no file can be made in the map's folder.
+        InputError: another process writes the map (the message names it), or the map's folder is not writable.
     """
     target = Path(path)
     if not target.parent.is_dir():

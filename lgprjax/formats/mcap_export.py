@@ -72,9 +72,9 @@ class ExportedFixes(NamedTuple):
         table: columns of ``data_schema/fixes.toml``.
         place_m: east, north and up of the array's centre in the map's frame.
         angle_rad: yaw from the map's east, and roll.
-        covariance: of east, north, height, yaw, roll.
+        covariance: covariance of east, north, height, yaw, roll.
         turn_rad: rotation of the map's axes relative to true east and north at the fix.
-        has_pose: ok, with a pose.
+        has_pose: whether the fix is ok, with a pose.
         map: name and anchor of the map, as texts.
     """
 
@@ -95,7 +95,7 @@ def fixes_of(path: str | Path, log: DriveLog) -> ExportedFixes:
     """Read the fixes of a drive from ``X.fixes.h5``.
 
     Raises:
-        InputError: it is not a file of fixes, has no poses, or its fixes are not of this drive.
+        InputError: the file is not a file of fixes, has no poses, or its fixes are of another drive.
     """
     file = Path(path)
     if not file.name.endswith(".fixes.h5"):
@@ -126,7 +126,7 @@ def fixes_of(path: str | Path, log: DriveLog) -> ExportedFixes:
 
 
 def fix_messages(fixes: ExportedFixes, number: int, array: ArrayGeometry) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Part of ``TOPICS``, frame and members but the header's of each message that tells a fix."""
+    """Part of ``TOPICS``, frame, and members without the header's, of each message of a fix."""
     row = fixes.table.iloc[number]
     yield (
         "fix quality",
@@ -192,11 +192,11 @@ _BLOCK_SCANS = 256
 # Seconds of a stamp are an int32.
 _LATEST_NS = (1 << 31) * 1_000_000_000
 _NOT_MEASURED = np.array([-1.0, *[0.0] * 8])
-"""As a covariance in an ``Imu``: there is no such measurement."""
+"""Covariance in an ``Imu`` for a missing measurement."""
 
 
 class ExportedDrive(NamedTuple):
-    """What was written: scans, poses of fixes, and parts of the drive without a message."""
+    """Result of an export: number of scans and of poses of fixes, and parts of the drive without a message."""
 
     scans: int
     poses: int
@@ -499,7 +499,7 @@ def _middle_traces(
     valid: Bool[np.ndarray, "scan channel"],
     calibration: Complex[np.ndarray, "scan recorded"] | None,
 ) -> Float[np.ndarray, "scan sample"]:
-    """Traces of the middle channel, zero level removed; NaN where there is none; no sample if they cannot be had."""
+    """Traces of the middle channel, zero level removed; NaN for missing traces; no samples if they are unavailable."""
     middle = stored.shape[1] // 2
     if isinstance(recording, TraceRecording):
         traces = stored[:, middle].astype(np.float32) - np.float32(recording.zero_level)

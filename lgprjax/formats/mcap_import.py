@@ -111,7 +111,8 @@ def radar_topic(recording: Recording, topics_found: TopicsFound, requested: str 
     """The topic of the scans.
 
     Raises:
-        InputError: there is none, or several and none was selected; it has fewer than two scans; or their form changes.
+        InputError: there is none, or several without a selection; the topic has fewer than two scans; or their form
+            changes.
     """
     radar = choose_topic(recording, topics_found, (RADAR_SCAN,), requested, "scan", "--radar-topic")
     if radar is None:
@@ -134,7 +135,7 @@ def position_topic(recording: Recording, topics_found: TopicsFound, requested: s
 
 
 def attitude_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
-    """The topic of headings and rolls; ``None``: there is none. A wheel odometer's heading must be selected explicitly.
+    """The topic of headings and rolls; ``None`` without one. A wheel odometer's heading must be selected explicitly.
 
     Its heading is relative to where it was switched on, which cannot be distinguished from a heading relative to east.
 
@@ -148,12 +149,12 @@ def attitude_topic(recording: Recording, topics_found: TopicsFound, requested: s
 
 
 def odometry_topic(recording: Recording, topics_found: TopicsFound, requested: str | None) -> TopicRows | None:
-    """The topic of the odometer; ``None``: there is none. Raises ``InputError`` as ``attitude_topic`` does."""
+    """The topic of the odometer; ``None`` without one. Raises ``InputError`` as ``attitude_topic`` does."""
     return choose_topic(recording, topics_found, (ODOMETRY,), requested, "odometry", "--odometry-topic")
 
 
 def array_message(recording: Recording, topics_found: TopicsFound, requested: str | None) -> Mapping[str, Any] | None:
-    """The message that describes the array; ``None``: there is none. Raises ``InputError`` as ``attitude_topic``."""
+    """The message that describes the array; ``None`` without one. Raises ``InputError`` as ``attitude_topic``."""
     if requested is not None and requested not in topics_found.arrays:
         raise InputError(recording.path, "--array-topic", f"a topic of type {RADAR_ARRAY}", topics_there(recording))
     preferred = TOPICS["array"][0]
@@ -244,13 +245,13 @@ def import_mcap(
     headers' stamps are used. Scans more than a second outside navigation and odometry are left out.
 
     Args:
-        path: the recording, complete or truncated.
-        topics: to read, if several have the type.
-        array: instead of the recording's ``RadarArray``.
-        assumed: the antenna's place, and sigmas that the messages do not state.
+        path: path of the recording, complete or truncated.
+        topics: topics to read, if several have the type.
+        array: array in place of the recording's ``RadarArray``.
+        assumed: position of the antenna, and sigmas that the messages do not state.
         calibration: ``X.radar.h5`` of a stepped-frequency radar, in place of the look-up of the ``RadarArray``.
-        output: the drive log.
-        force: replace an output that exists.
+        output: path of the drive log.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: the file is not a recording, a required topic is missing or ambiguous, the form of the scans

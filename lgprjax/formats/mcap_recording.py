@@ -25,9 +25,9 @@ class LoggedMessage(NamedTuple):
     """One message.
 
     Attributes:
-        topic, kind: its topic, and its type in the recording.
-        log_ns: when it was recorded, Unix time.
-        values: by the paths of the members, see ``MessageLayout.decode``.
+        topic, kind: topic, and type in the recording.
+        log_ns: time of recording, Unix time, ns.
+        values: values by the paths of the members, see ``MessageLayout.decode``.
     """
 
     topic: str
@@ -57,7 +57,7 @@ class McapRecording:
         """Check that this is an MCAP file.
 
         Raises:
-            InputError: it is not, cannot be read, or the package mcap is missing.
+            InputError: the file is not MCAP or cannot be read, or the package mcap is missing.
         """
         self.path = Path(path)
         require_mcap(self.path)
@@ -152,7 +152,7 @@ class McapRecording:
     def _reader(self, stream: IO[bytes], skip_magic: bool = False) -> Iterator[Any]:
         from mcap.stream_reader import StreamReader
 
-        # No record is longer than the file: a damaged length must not allocate memory.
+        # Records cannot be longer than the file: a damaged length must not allocate memory.
         reader = StreamReader(stream, skip_magic=skip_magic, emit_chunks=True, record_size_limit=self._size)
         return iter(reader.records)
 
@@ -233,8 +233,8 @@ class UniformArray(NamedTuple):
 
     Attributes:
         pitch_m: distance between neighbouring channels; ``None`` for a single one.
-        x_m: forward of the rear axle.
-        height_m: above the ground.
+        x_m: distance forward of the rear axle.
+        height_m: height above the ground.
     """
 
     pitch_m: float | None = None
@@ -325,9 +325,9 @@ def recording_of_form(
     """The recording of scans, from their common form and the ``RadarArray``, if there is one.
 
     Args:
-        path: the recording.
-        form: of its scans.
-        values: of the ``RadarArray``.
+        path: path of the recording.
+        form: form of its scans.
+        values: values of the ``RadarArray``.
         calibration: ``X.radar.h5``, in place of the look-up of the ``RadarArray``.
 
     Raises:

@@ -50,11 +50,11 @@ class TopicRows:
     have none (a sensor without time yet), these are left out.
 
     Attributes:
-        topic, kind: of the messages.
-        columns: numbers a row.
-        left_out: messages without usable values.
-        unstamped, undated, repeated, unordered: rows without a stamp; with a stamp of another day than most; with a
-            repeated stamp; earlier than a previous one.
+        topic, kind: topic and type of the messages.
+        columns: number of values per row.
+        left_out: number of messages without usable values.
+        unstamped, undated, repeated, unordered: number of rows without a stamp; with a stamp of another day than most;
+            with a repeated stamp; and earlier than a previous one.
     """
 
     def __init__(self, topic: str, kind: str, columns: int) -> None:
@@ -130,7 +130,7 @@ def row_of(kind: str, values: Mapping[str, Any]) -> tuple[float, ...] | None:
     others: yaw and roll (rad) and their variances (rad², NaN: not known); odometry adds x and y (m) and speed (m/s).
 
     Raises:
-        KeyError: its definition lacks a member.
+        KeyError: the message's definition lacks a member.
     """
     if is_kind(kind, NAV_SAT_FIX):
         return _position(values)
@@ -173,7 +173,7 @@ def _variances(covariance: np.ndarray, yaw: int, roll: int) -> tuple[float, floa
 
 
 def _known(variance: float, unknown: float) -> float:
-    """A variance, NaN where it only says that nothing is known."""
+    """A variance; NaN if its value means "unknown"."""
     return float(variance) if variance < unknown else math.nan
 
 
@@ -186,12 +186,12 @@ _MOST_AGREE = 0.8
 
 
 class McapAssumed(NamedTuple):
-    """Quantities missing in a recording's messages, as given by the user.
+    """Quantities missing in a recording's messages, given by the user.
 
     Attributes:
-        gnss_m: place of the GNSS antenna: forward and left of the rear axle, above the ground.
-        gnss_sigma_m: of positions without a covariance in the message; None if unknown.
-        heading_sigma_deg: likewise of headings and rolls.
+        gnss_m: position of the GNSS antenna: forward and left of the rear axle, above the ground.
+        gnss_sigma_m: standard deviation of positions without a covariance in the message; ``None`` if unknown.
+        heading_sigma_deg: standard deviation of headings and rolls without one; ``None`` if unknown.
     """
 
     gnss_m: tuple[float, float, float] = (0.0, 0.0, 0.0)

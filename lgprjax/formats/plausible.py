@@ -1,7 +1,7 @@
 """Plausibility of recorded positions and clocks: one test for every reader and for ``check``.
 
-A receiver writes zeros before its first fix, a wrong date until it has heard the satellites' calendar, and now and then
-a place that no vehicle can have reached. Such records are left out, and counted by reason.
+A receiver writes zeros before its first fix, a wrong date until it has received the satellites' calendar, and now and
+then a position that no vehicle can have reached. Such records are left out, and counted by reason.
 """
 
 from collections import Counter
@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float, Int
 # Positions.
 
 FASTEST_MPS = 70.0
-"""No ground vehicle of a survey is faster."""
+"""Largest plausible speed of a survey vehicle."""
 _STEP_M = 30.0
-"""Step that a receiver makes by itself, from a poor fix to a good one; larger ones must be travel."""
+"""Largest step of a receiver at rest, from a poor fix to a good one; larger steps must be travel."""
 _STEP_SIGMAS = 6.0
 _STEPS_A_TRACE = 20
 _EARTH_M = 6_371_000.0
@@ -32,8 +32,8 @@ class PlausiblePositions(NamedTuple):
     """Result of ``plausible_positions``.
 
     Attributes:
-        kept: positions to use.
-        longitude_deg: of all, from -180 to 180; NaN where there is no place.
+        kept: mask of positions to use.
+        longitude_deg: longitude of all positions, from -180 to 180; NaN without a position.
         left_out: number of other positions, by reason.
     """
 
@@ -42,7 +42,7 @@ class PlausiblePositions(NamedTuple):
     left_out: dict[str, int]
 
     def in_words(self) -> str:
-        """What was left out, as text; empty where nothing was."""
+        """Description of the positions left out; empty if there are none."""
         return left_out_in_words(self.left_out, len(self.kept))
 
 
@@ -52,18 +52,18 @@ def plausible_positions(
     reach_m: Float[np.ndarray, " position"] | None,
     sigma_m: Float[np.ndarray, " position"] | None = None,
 ) -> PlausiblePositions:
-    """Judge positions by themselves and by each other.
+    """Judge positions by their values and by each other.
 
-    Left out are: no numbers, or latitudes beyond 90 or longitudes beyond 360 degrees; zero for both where the other
-    positions are elsewhere; and positions that the rest contradicts. The rest is the longest sequence in which no
-    position is farther from the one before it than the vehicle can have travelled, with a step of the receiver (30 m,
-    and six sigmas of the two); repeated positions count once.
+    Left out are: non-finite values, latitudes beyond 90 or longitudes beyond 360 degrees; zero for both if the other
+    positions are elsewhere; and positions that the rest contradicts. The rest is the longest sequence in which every
+    position is within the vehicle's possible travel of the previous one, plus a step of the receiver (30 m, and six
+    sigmas of the two); repeated positions count once.
 
     Args:
         latitude_deg, longitude_deg: WGS-84, in order of time; longitudes from -360 to 360.
         reach_m: upper bound of the travel since the first position, never falling; ``None`` without a clock, for
             positions of traces: 20 usual steps from each to the next.
-        sigma_m: horizontal, of an axis; NaN where unknown.
+        sigma_m: horizontal standard deviation per axis; NaN if unknown.
     """
     there = on_earth(latitude_deg, longitude_deg)
     latitude_deg, longitude_deg = (np.where(there, each, np.nan) for each in (latitude_deg, longitude_deg))
@@ -104,13 +104,13 @@ def plausible_places(
     y_m: Float[np.ndarray, " position"],
     reach_m: Float[np.ndarray, " position"] | None,
 ) -> Bool[np.ndarray, " position"]:
-    """As ``plausible_positions``, of finite places in metres of a plane: those that the rest does not contradict."""
+    """Mask of plausible positions in metres of a plane, all finite: those that the rest does not contradict."""
     places = np.stack([x_m, y_m, np.zeros_like(x_m)], axis=1)
     return _longest_sequence(places, reach_m, np.full(len(x_m), _STEP_M / 2.0))
 
 
 def known_sigma(sigma: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:
-    """Stated sigmas or variances; NaN, unknown, where none is stated: zero, negative or not finite."""
+    """Stated sigmas or variances; NaN (unknown) for zero, negative or non-finite values."""
     return np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, np.nan)
 
 
@@ -150,7 +150,7 @@ def _longest_sequence(
         reach_m = _STEPS_A_TRACE * (float(np.median(step_m)) if count > 1 else 0.0) * np.arange(count)
     breaks = np.flatnonzero(step_m > np.diff(reach_m) + allowed_m[1:] + allowed_m[:-1]) + 1
     first, stop = np.concatenate([[0], breaks]), np.concatenate([breaks, [count]])
-    # A receiver that repeats its last known place has one position, however often it says so.
+    # A receiver that repeats its last known place has one position, at any number of repetitions.
     best = np.add.reduceat(np.concatenate([[1], step_m > 0.0]), first)
     before = np.full(len(first), -1)
     for run in range(1, len(first)):
@@ -220,7 +220,7 @@ class DatedClock(NamedTuple):
     """Result of ``date_by_majority``.
 
     Attributes:
-        time_s: of each record, since day 0; all NaN without any date.
+        time_s: time of each record since day 0; all NaN without any date.
         other_dates: number of records whose own date was not used, by that day.
     """
 
@@ -237,7 +237,7 @@ def date_by_majority(day_s: Float[np.ndarray, " record"], day: Sequence[int | No
 
     Args:
         day_s: time of day, s.
-        day: number of each record's day, where it has one of its own.
+        day: number of each record's own day; ``None`` without one.
     """
     count = len(day_s)
     # Steps of the time of day are less than half a day either way: midnights pass unseen otherwise.

@@ -31,8 +31,8 @@ class Profile:
     """One line of traces; sample i is at travel time ``i * sample_interval_ns - time_zero_ns``.
 
     Attributes:
-        path: the file it came from.
-        channels: the data, signed, zero for no signal; several channels only from arrays.
+        path: source file.
+        channels: signed samples, zero for no signal; several channels only from arrays.
         sample_interval_ns: two-way travel time between samples.
         time_zero_ns: time zero, relative to sample 0.
         spacing_m: distance between traces; ``None`` if unknown (recorded by time) or varying, in which case
@@ -40,10 +40,11 @@ class Profile:
         centre_frequency_hz: nominal centre frequency; ``None`` if unknown.
         positions_m: position of each trace from the headers; ``None`` if missing.
         metadata: further header values under the vendor's own names.
-        coordinates: where each trace was recorded, if known.
-        left_m, forward_m: place of each channel in the array, if known; falling from left to right.
-        cut: the part read of a truncated file, such as ``120 of 199 traces``; ``None`` for a complete file.
-        notes: what the file states and its contents contradict, a line each.
+        coordinates: recorded position of each trace, if known.
+        left_m, forward_m: position of each channel in the array, if known; falling from left to right.
+        cut: description of the part read of a truncated file, such as ``120 of 199 traces``; ``None`` for a complete
+            file.
+        notes: contradictions between statements of the file and its contents, one line each.
     """
 
     path: Path
@@ -104,11 +105,11 @@ def count_traces(
     """Whole traces in a number of bytes, and ``Profile.cut`` if the file ends too early.
 
     Args:
-        file: the file of the traces.
-        data_bytes: size after its headers, where the traces are; not above zero for none.
-        trace_bytes: size of a trace, or of one trace of every channel where they are interleaved.
-        said: the number of traces stated in a header, and the file of that header.
-        partial: take the whole traces of a file that ends too early.
+        file: file of the traces.
+        data_bytes: size of the traces after the headers; not above zero for none.
+        trace_bytes: size of a trace, or of one trace of every channel if they are interleaved.
+        said: number of traces stated in a header, and the file of that header.
+        partial: whether to accept a file that ends too early, and count its whole traces.
 
     Raises:
         InputError: no trace is whole, the file holds more traces than the header states, or it ends too early without
@@ -211,5 +212,5 @@ def assumed_of(provenance: Mapping[str, object]) -> dict[str, str]:
 
 
 def assumed_in_words(assumed: Mapping[str, str]) -> str:
-    """Each quantity with its assumption, as one line."""
+    """One line with each quantity and its assumption."""
     return ", ".join(f"{name} ({words})" for name, words in assumed.items())

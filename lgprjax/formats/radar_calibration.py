@@ -32,8 +32,8 @@ class SweepLayout(NamedTuple):
     """Properties that sweeps and their calibration share.
 
     Attributes:
-        channels: of a scan, without the calibration channel.
-        frequencies_hz: of the steps.
+        channels: number of channels, without the calibration channel.
+        frequencies_hz: frequencies of the steps.
         group_delay_ns: delay of the calibration channel's path.
     """
 
@@ -91,9 +91,9 @@ def read_radar_calibration(
     """Read ``X.radar.h5``.
 
     Args:
-        path: the file.
-        used_for: layout of the sweeps that it is used for.
-        gain, delay_ns: of each channel, where the file has none.
+        path: path of the file.
+        used_for: layout of the sweeps to be calibrated.
+        gain, delay_ns: gain and delay of each channel, used if the file has none.
 
     Raises:
         InputError: the file cannot be read, violates the schema, its calibration sweep has zeros, or it is of sweeps

@@ -1,4 +1,4 @@
-"""Files of satellite receivers beside survey lines: NMEA sentences, ``.GPS``, ``.DZG`` and ``.cor``."""
+"""Files of satellite receivers that accompany survey lines: NMEA sentences, ``.GPS``, ``.DZG`` and ``.cor``."""
 
 import math
 import re
@@ -29,12 +29,12 @@ class NmeaFix(NamedTuple):
     """A receiver's fix; NaN for values missing in the sentence.
 
     Attributes:
-        latitude_deg, longitude_deg: WGS-84.
-        altitude_m: above sea level.
-        separation_m: of sea level above the ellipsoid.
-        time_s: UTC, since midnight.
+        latitude_deg, longitude_deg: WGS-84 position.
+        altitude_m: height above sea level.
+        separation_m: height of sea level above the ellipsoid.
+        time_s: UTC since midnight.
         quality: code of GGA, 1 to 5.
-        satellites: those in use.
+        satellites: number of satellites in use.
         hdop: horizontal dilution of precision.
     """
 
@@ -208,7 +208,7 @@ def _trace_of_gps(token: str) -> int | None:
 
 
 def _trace_of_dzg(token: str) -> int | None:
-    """As ``_trace_of_gps``."""
+    """Trace number of a DZG token, as ``_trace_of_gps``."""
     if not token.startswith("$GSSIS"):
         return None
     named = _DZG_SCAN.match(token)
@@ -284,7 +284,7 @@ class _Rows:
             self._filled = True
 
     def positions(self, height: HeightReference | None, counts: dict[str, int]) -> SidePositions:
-        """All rows; without ``height`` they are NMEA's. Raises ``InputError`` when there is none."""
+        """All rows; without ``height`` they are NMEA's. Raises ``InputError`` without any row."""
         table = np.array(self._values).reshape(-1, 1 + len(NmeaFix._fields)).T
         # Times of day: midnight is a step of some seconds.
         steps_s = (np.diff(table[5], prepend=table[5, :1]) + 43_200.0) % 86_400.0 - 43_200.0

@@ -31,7 +31,7 @@ _KNOWN = {
 }
 _NUMBERS = {order + code: struct.Struct(order + code) for order in "<>" for code in _CODES.values() if code != "s"}
 _TYPE = re.compile(r"([A-Za-z][\w/]*)(?:<=\d+)?(?:\[((?:<=)?)(\d*)\])?")
-# Limits for definitions that nest themselves: no message is that deep or that wide.
+# Limits for definitions that nest themselves, beyond any real message.
 _MOST_NESTED = 16
 _MOST_FIELDS = 4096
 
@@ -237,8 +237,8 @@ TOPICS = {
 
 DRIVE_METADATA = "lgprjax.drive"
 """Name of an exported drive's metadata in the file: name, t0_utc, provenance."""
-# In a covariance, of what is not known beside what is: a right angle either way, as of the pitch, which a drive log has
-# not; and a thousand kilometres. Variances from these on are read as unknown.
+# Variances that mean "unknown" in a covariance with known entries: a right angle either way, as for the pitch, which a
+# drive log lacks; and a thousand kilometres. Variances from these on are read as unknown.
 UNKNOWN_RAD2, UNKNOWN_M2 = (np.pi / 2) ** 2, 1e12
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 

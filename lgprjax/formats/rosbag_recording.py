@@ -34,21 +34,21 @@ class RosbagRecording:
     """A ROS bag; each call of ``messages`` reads it from the beginning.
 
     Attributes:
-        path: the file, or the folder of a ROS 2 bag.
-        repaired_by: command of ROS that repairs a bag that was cut.
+        path: path of the file, or of the folder of a ROS 2 bag.
+        repaired_by: ROS command that repairs a truncated bag.
         kinds: type of each topic.
-        metadata: none; as of ``McapRecording``.
+        metadata: empty, for compatibility with ``McapRecording``.
         whole: whether the last pass reached the bag's end.
-        damaged_chunks: 0; as of ``McapRecording``.
-        unreadable: messages of each topic left out in the last pass because they do not decode.
-        refused: why topics are not read at all.
+        damaged_chunks: always 0, for compatibility with ``McapRecording``.
+        unreadable: number of messages of each topic left out in the last pass because they do not decode.
+        refused: reasons why topics are not read at all, by topic.
     """
 
     def __init__(self, path: str | Path) -> None:
         """Check that this is a bag.
 
         Raises:
-            InputError: it is not, cannot be read, or the package rosbags is missing.
+            InputError: the path is not a bag or cannot be read, or the package rosbags is missing.
         """
         self.path = Path(path)
         self._bag = _bag_of(self.path)
@@ -98,7 +98,7 @@ class RosbagRecording:
             self.whole = False
 
     def _instead(self, error: Exception) -> str:
-        """What a bag is of which nothing can be read."""
+        """Description of a bag without any readable message, for an error."""
         if self.path.is_file():
             with self.path.open("rb") as stream:
                 head = stream.read(16)
@@ -133,7 +133,7 @@ def open_recording(path: str | Path) -> Recording:
 
 
 def _bag_of(path: Path) -> Path:
-    """What rosbags opens: a ROS 1 file, or the folder of a ROS 2 bag."""
+    """Path that rosbags opens: a ROS 1 file, or the folder of a ROS 2 bag."""
     if not path.exists():
         raise InputError(path, "file", "a readable file", "No such file or directory")
     if not path.is_dir() and path.suffix.lower() != ".db3":
@@ -227,7 +227,7 @@ def rosbag_writer(path: Path, force: bool) -> Iterator[RosbagWriter]:
 
 @contextmanager
 def _atomic_bag(path: Path, force: bool) -> Iterator[Path]:
-    """As ``atomic_output``, for the folder of a bag; an existing one is replaced only if it is a bag."""
+    """``atomic_output`` for the folder of a bag; an existing folder is replaced only if it is a bag."""
     if path.exists() and not force:
         raise InputError(path, "output", "a new folder, or --force", "an existing file or folder")
     if path.exists() and not _is_bag_alone(path):
@@ -249,14 +249,14 @@ def _atomic_bag(path: Path, force: bool) -> Iterator[Path]:
 
 
 def _is_bag_alone(folder: Path) -> bool:
-    """Whether a folder holds the files of a bag only: whatever else is in it would be lost with it."""
+    """Whether a folder holds only the files of a bag; other files would be lost with it."""
     if not (folder / _METADATA).is_file():
         return False
     return all(each.name == _METADATA or each.suffix == ".db3" for each in folder.iterdir())
 
 
 def _put(made: Path, path: Path, aside: Path) -> None:
-    """Move a folder to where it belongs; what was there goes aside first, and comes back where this fails."""
+    """Move a folder to its place; an existing folder is moved aside first, and restored if the move fails."""
     if not path.exists():
         made.replace(path)
         return
@@ -269,7 +269,7 @@ def _put(made: Path, path: Path, aside: Path) -> None:
 
 
 def _latched_qos() -> Any:
-    """Reliable, and kept for subscribers that come late: what those of ``/tf_static`` ask for."""
+    """Reliable, and kept for late subscribers, as ``/tf_static`` requires."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(0, 0)

@@ -18,14 +18,14 @@ class RouteFile(NamedTuple):
     """Contents of a route file; paths are ready to open.
 
     Attributes:
-        map: file of the route: subsurface database, drive log or waypoints.
-        map_sha256: of that file when the route was chosen.
-        route: its name there, of a baseline or a track.
-        from_m, to_m: the stretch, along it as recorded.
-        direction: as recorded, or from the stretch's end to its beginning.
+        map: path of the route's file: subsurface database, drive log or waypoints.
+        map_sha256: SHA-256 of that file when the route was chosen.
+        route: name of the baseline or track in the file.
+        from_m, to_m: start and end of the stretch along the recorded route.
+        direction: direction of driving: as recorded, or from the stretch's end to its beginning.
         cruise_mps: highest speed.
         lateral_mps2: highest lateral acceleration.
-        vehicle: the vehicle file whose smallest radius the route was checked against.
+        vehicle: vehicle file whose smallest radius the route was checked against.
     """
 
     map: Path
@@ -93,7 +93,7 @@ def route_findings(path: Path) -> Iterator[Finding]:
     """Every problem of a route file.
 
     Raises:
-        InputError: it cannot be read, or is not TOML.
+        InputError: the file cannot be read, or is not TOML.
     """
     return _problems(path, load_toml(path))
 

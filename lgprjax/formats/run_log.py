@@ -1,4 +1,4 @@
-"""Reading a recorded run: every intact record, whatever happened to the rest of its files."""
+"""Reading a recorded run: every intact record, at any damage of its files."""
 
 import json
 from collections import Counter
@@ -78,11 +78,11 @@ class RunSummary(NamedTuple):
 
 
 class RunReading:
-    """The records of a run. Each pass over it reads the files anew.
+    """The records of a run. Each pass over it reads the files again.
 
     Attributes:
-        folder: of the run.
-        heads: of the segments with an intact head, in order.
+        folder: folder of the run.
+        heads: heads of the segments with an intact head, in order.
     """
 
     def __init__(self, folder: Path, files: dict[int, Path]) -> None:
@@ -123,7 +123,7 @@ class RunReading:
 
     @property
     def summary(self) -> RunSummary:
-        """Of the last complete pass; makes one if there was none."""
+        """Summary of the last complete pass; a pass is made if there was none."""
         if self._summary is None:
             for _ in self:
                 pass
@@ -134,13 +134,13 @@ class RunReading:
 def read_run(folder: str | Path) -> RunReading:
     """The records of a run, in the order of their arrival.
 
-    Damage never stops it: intact records after it are found again, and the summary lists what is lost.
+    Damage does not stop the reading: intact records after it are found again, and the summary lists the losses.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
 
     Raises:
-        InputError: there is no folder, or no segment of a run in it.
+        InputError: there is no folder, or it holds no segment of a run.
     """
     path = Path(folder)
     if not path.is_dir():
@@ -164,13 +164,13 @@ def _instead_of_folder(path: Path) -> str:
 
 
 def _instead_of_run(path: Path) -> str:
-    """What a folder without segments is: often the one that the runs are in."""
+    """Description of a folder without segments, often the parent folder of runs, for an error."""
     runs = sorted(each for each in path.iterdir() if each.is_dir() and segments_of(each))
     return f"a folder of runs: give one of them, such as {runs[-1]}" if runs else "none"
 
 
 class _Tally:
-    """Findings of a pass over a run, besides its records."""
+    """Findings of a pass over a run."""
 
     def __init__(self) -> None:
         self._records = 0
@@ -218,7 +218,7 @@ class _Tally:
             self._cut.append(DamagedBytes(self._file, self._stop, size))
 
     def summary(self, run: bytes | None, segments: int) -> RunSummary:
-        """Of all segments."""
+        """Summary of all segments."""
         return RunSummary(
             run=None if run is None else UUID(bytes=run),
             segments=segments,
@@ -272,7 +272,7 @@ def complex_rows(frame: Frame) -> Complex[np.ndarray, "row frequency"]:
     """Sweeps of a radar_sweep or radar_lookup: all channels, then the calibration channel, in units of its scale.
 
     Raises:
-        ValueError: it has another size of numbers than 4 or 8 bytes.
+        ValueError: the numbers have a size other than 4 or 8 bytes.
     """
     rows, steps, width = (int(frame.number(name)) for name in ("rows", "steps", "width"))
     if width not in _LAYOUTS:

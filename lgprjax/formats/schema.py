@@ -19,16 +19,17 @@ class Entry:
     """One dataset, attribute, table column or key of a file.
 
     Attributes:
-        path: its place: ``/radar/time_s``, ``/radar/traces@zero_level``, a column name, ``steering.lag_s``.
+        path: place of the entry: ``/radar/time_s``, ``/radar/traces@zero_level``, a column name, ``steering.lag_s``.
         dtype: accepted types, the first of which is written.
         dims: axis names (bound to one size through the whole file) or fixed sizes.
-        checks: among finite, increasing, decreasing, non_negative, positive.
+        checks: names of checks: finite, increasing, decreasing, non_negative, positive.
         bounds: closed range of the values.
         choices: allowed values of a text.
         needs: path whose presence makes this entry required.
-        bulk: too large to be loaded whole.
+        bulk: whether the entry is too large to be loaded whole.
         severity: severity of a failed check.
-        decimals: decimals of a printed table column; digits: significant digits of one that spans decades.
+        decimals: decimals of a printed table column.
+        digits: significant digits of a column that spans decades.
     """
 
     path: str
@@ -148,7 +149,7 @@ class Tally:
         flat = values.reshape(-1)
         bad = self.bad if self.bad is not None else {}
         finite = np.ones(flat.shape, dtype=bool) if flat.dtype.kind in "SU" else np.isfinite(flat)
-        # NaN stands for "no value" unless the schema asks for finite ones: ranges do not apply to it.
+        # NaN means "no value" unless the schema requires finite values; ranges do not apply to it.
         for check, failed in self._failures(flat, finite):
             if np.any(failed):
                 count, first = bad.get(check, (0, self.size + int(np.argmax(failed))))
@@ -264,9 +265,9 @@ def key_findings(schema: Schema, file: str, values: dict[str, object]) -> Iterat
     """Every key of a text file that is missing, wrong or unknown, in the schema's order, without lists.
 
     Args:
-        schema: with the keys.
-        file: its name in the findings.
-        values: by dotted path, without schema and version.
+        schema: schema of the keys.
+        file: name of the file in the findings.
+        values: values by dotted path, without schema and version.
     """
     left = dict(values)
     for entry in schema.keys:

@@ -42,13 +42,13 @@ class Study(NamedTuple):
     """Contents of a study file; paths are ready to open.
 
     Attributes:
-        file: the study's own.
-        name: names its outputs.
-        kind: the numbers to fit.
-        vehicle: the vehicle file to begin with.
-        serial_number: of the vehicle; ``None`` if the study has none.
+        file: path of the study file.
+        name: name of the outputs.
+        kind: kind of study, which sets the numbers to fit.
+        vehicle: path of the initial vehicle file.
+        serial_number: serial number of the vehicle; ``None`` if the study has none.
         logs: drive logs to fit.
-        held_out: drive logs that judge the fit and are not used for it.
+        held_out: held-out drive logs, which test the fit.
         options: options of this kind of study.
     """
 
@@ -111,7 +111,7 @@ _Threshold = Annotated[float, Field(ge=0.0, lt=1e6)]
 
 
 class _Thresholds(ConfigTable):
-    """``strength`` and ``margin`` are of version 1.0, least score and lead as such: nothing is asked of them now."""
+    """Table of thresholds. ``strength`` and ``margin`` of version 1.0, absolute least score and lead, are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -124,7 +124,7 @@ class _Thresholds(ConfigTable):
 
 
 class _ThresholdsFile(ConfigTable):
-    """A later minor version may tell more."""
+    """File of thresholds; later minor versions may have more keys."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -146,11 +146,11 @@ def write_thresholds(
     """Write ``X.thresholds.toml``.
 
     Args:
-        path: the output.
-        thresholds: by name, as defined in ``registration.Thresholds``.
-        window_m, search_m: of the registrations that they apply to.
-        found_on: counts, names and the risk that they are based on.
-        force: replace an output that exists.
+        path: path of the output.
+        thresholds: thresholds by name, as defined in ``registration.Thresholds``.
+        window_m, search_m: window and search region of the registrations to which they apply.
+        found_on: counts, names and the risk on which they are based.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: the output cannot be written, or exists.
@@ -169,12 +169,12 @@ def read_thresholds(path: str | Path, window_m: float) -> dict[str, float]:
     """Thresholds by name.
 
     Args:
-        path: the file.
-        window_m: of the registration; thresholds for another window do not apply.
+        path: path of the file.
+        window_m: window of the registration; thresholds for another window do not apply.
 
     Raises:
-        InputError: not a file of thresholds, one is missing or not a number, they are for other windows, or an older
-            file requires an absolute score or margin.
+        InputError: the file is not a file of thresholds, a threshold is missing or not a number, they are for other
+            windows, or an older file requires an absolute score or margin.
     """
     place = TableKey(Path(path))
     held = fill_table(_ThresholdsFile, place, load_toml(path))

@@ -1,4 +1,4 @@
-"""Position files of survey lines: topography, and what is found beside a line."""
+"""Position files of survey lines: topography, and receiver files in the folder of a line."""
 
 import math
 import re
@@ -32,7 +32,7 @@ _WORD = re.compile(r"[a-z]+")
 
 
 def read_topography(path: str | Path) -> SidePositions:
-    """Read a table of places: one row a trace, or points along the line.
+    """Read a table of places: one row per trace, or points along the line.
 
     Columns are separated by semicolons, tabs, commas or blanks; with the first two a comma is the decimal sign. A first
     row of names gives the order (``N,E,Z``, ``x y z``, ``lat,lon,height``, ``position;elevation``; columns of other
@@ -208,7 +208,7 @@ def unread_notes(path: str | Path) -> list[Path]:
 
 
 def strangers(path: str | Path) -> list[Path]:
-    """Files of positions beside a line that are named as no file next to them: whose they are, nobody can tell."""
+    """Position files in a line's folder whose name matches no other file, so that their line is unknown."""
     files = [each for each in sorted(Path(path).parent.glob("*")) if each.is_file()]
     kinds = (".xyz", *RECEIVERS)
     others = {each.stem.lower() for each in files if each.suffix.lower() not in kinds}

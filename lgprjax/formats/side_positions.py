@@ -19,17 +19,17 @@ class SidePositions:
     """Rows of a side file, in the order of the traces.
 
     Attributes:
-        path: the file.
-        kind: ``degrees`` (x longitude, y latitude), ``grid metres`` (x easting, y northing of a grid that it does
-            not name), ``local metres`` (the same of the site's own grid) or ``along metres`` (x distance along the
+        path: path of the file.
+        kind: ``degrees`` (x longitude, y latitude), ``grid metres`` (x easting, y northing of an unnamed grid),
+            ``local metres`` (x easting, y northing of the site's own grid) or ``along metres`` (x distance along the
             line, y zero).
         trace: index of each row's trace, from 0, rising.
-        numbered: the file states the traces of its rows. Otherwise ``trace`` counts the rows, which belong to the
-            traces only if they are about as many.
-        x, y: the places.
-        z: heights in m; NaN where a row has none.
-        height: their reference; ``unstated`` if the file does not say.
-        time_s: UTC since midnight, of rows that a receiver measured; ``None`` in topography, as the next three.
+        numbered: whether the file states the traces of its rows. Otherwise ``trace`` counts the rows, which belong to
+            the traces only if their numbers are about equal.
+        x, y: positions.
+        z: heights in m; NaN for rows without one.
+        height: reference of the heights; ``unstated`` if the file does not say.
+        time_s: UTC since midnight of rows measured by a receiver; ``None`` in topography, as the next three.
         quality, satellites, hdop: code of the fix as in NMEA's GGA, satellites in use, horizontal dilution of
             precision; NaN if missing in a row.
         counts: rows read and left out. Topography: ``rows``. Receivers: ``rows``, ``traces`` (named in
@@ -68,11 +68,11 @@ def about_as_many(rows: int, traces: int, *, cut: bool) -> bool:
 
 
 class TracePlaces(NamedTuple):
-    """Place of each trace; NaN before the first and after the last measured one.
+    """Position of each trace; NaN before the first and after the last measured one.
 
     Attributes:
         x, y, z: as in ``SidePositions``.
-        measured: the trace has a row of its own with a new position; the others are interpolated.
+        measured: whether the trace has its own row with a new position; the others are interpolated.
     """
 
     x: Float[np.ndarray, " trace"]

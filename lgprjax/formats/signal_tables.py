@@ -44,7 +44,7 @@ _UNITS: dict[str, dict[str, float]] = {
 
 
 class _Signal(NamedTuple):
-    """What may be in a map of columns: kind of its unit, where it goes in ``/vehicle``, and its range."""
+    """A signal of a column map: kind of its unit, its place in ``/vehicle``, and its range."""
 
     kind: str
     place: str | None
@@ -87,7 +87,7 @@ _SITE_M = 1e5
 
 
 class _Column(ConfigTable):
-    """Where a signal is, in which unit, and what is added and multiplied to it first."""
+    """Column of a signal, its unit, and the scale and offset applied first."""
 
     column: str = Field(min_length=1)
     unit: str
@@ -96,7 +96,7 @@ class _Column(ConfigTable):
 
 
 class _SignalMap(ConfigTable):
-    """A map of columns: one table a signal, and what the file does not say."""
+    """A map of columns: one table per signal, and quantities that the file lacks."""
 
     name: str | None = None
     serial_number: str | None = None
@@ -116,10 +116,10 @@ class _Table(NamedTuple):
     """Columns of a table, NaN where a cell is empty or no number.
 
     Attributes:
-        columns: by name.
-        first_row: number of the first row of numbers, as a spreadsheet counts.
-        words: of a column, the cells that are neither empty nor a number: how many, and row and text of the first.
-        repeated: names that several columns have.
+        columns: values by column name.
+        first_row: number of the first row of numbers, as in a spreadsheet.
+        words: cells of each column that are neither empty nor a number: their count, and row and text of the first.
+        repeated: names shared by several columns.
     """
 
     columns: dict[str, np.ndarray]
@@ -129,7 +129,7 @@ class _Table(NamedTuple):
 
 
 class ImportedSignals(NamedTuple):
-    """What was imported: names of the signals, their count of rows, what nobody measured, and cells left out."""
+    """Result of an import: number of rows by signal, assumptions for unmeasured quantities, and cells left out."""
 
     signals: dict[str, int]
     seconds: float
@@ -140,19 +140,19 @@ class ImportedSignals(NamedTuple):
 def import_signals(
     file: str | Path, columns: str | Path, output: str | Path, *, force: bool = False
 ) -> ImportedSignals:
-    """Signals of a table or of messages as a drive log without radar.
+    """Write signals of a table or of messages as a drive log without radar.
 
     Args:
-        file: .csv (a header, then numbers; separated by semicolons or tabs, commas may be decimal signs), .parquet
-            (needs pyarrow), or .mcap (needs mcap): there a column is ``/topic:member.of.message``, each with its own
-            times.
-        columns: which column is which signal, in which unit, as TOML.
-        output: ``X.drive.h5``.
-        force: replace an output that exists.
+        file: path of a .csv (a header, then numbers; separated by semicolons or tabs, commas may be decimal signs),
+            .parquet (needs pyarrow), or .mcap (needs mcap), in which a column is ``/topic:member.of.message``, each
+            with its own times.
+        columns: path of the TOML map of columns to signals and units.
+        output: path of ``X.drive.h5``.
+        force: whether to replace an existing output.
 
     Raises:
-        InputError: a file cannot be read; a column, unit or signal is missing, unknown or out of its range; a column
-            has many cells that are no numbers; times do not rise; neither position nor speed is there; or the output
+        InputError: a file cannot be read; a column, unit or signal is missing, unknown or out of range; a column has
+            many cells that are not numbers; times do not rise; neither position nor speed is given; or the output
             cannot be written.
     """
     path, map_file = Path(file), Path(columns)
@@ -291,7 +291,7 @@ def _read_csv(path: Path) -> _Table:
                 continue
             value = number_of(text, separator)
             if value is None:
-                # It is told or refused where its column is asked for.
+                # It is reported or refused when its column is read.
                 count, at, word = words.get(name, (0, number + 2, text.strip()))
                 words[name] = (count + 1, at, word)
             else:
@@ -301,7 +301,7 @@ def _read_csv(path: Path) -> _Table:
 
 
 def separator_of(header: str) -> str:
-    """What separates the columns of a table, from the line of their names."""
+    """Separator of a table's columns, from its header line."""
     return next((each for each in (";", "\t") if each in header), ",")
 
 
@@ -527,7 +527,7 @@ def _at(one: _Series, time_s: Float[np.ndarray, " row"]) -> Float[np.ndarray, " 
 
 
 def _turning_at(one: _Series, time_s: Float[np.ndarray, " row"], period: float) -> Float[np.ndarray, " row"]:
-    """An angle at some times; where its values step from one end of their range to the other, it goes on turning."""
+    """An angle at some times, unwrapped where its values step from one end of their range to the other."""
     return np.asarray(np.interp(time_s, one.time_s, np.unwrap(one.value, period=period)))
 
 

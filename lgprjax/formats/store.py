@@ -41,7 +41,7 @@ def open_store(path: str | Path) -> h5py.File:
 
 
 def _named_otherwise(file: Path) -> str:
-    """What a file is that is no HDF5, by its name, and where what was asked for comes from."""
+    """Kind of a file that is not HDF5, by its name, with a hint to the expected file."""
     if file.name.endswith(".cover.geojson"):
         return "a coverage plan (lgprjax cover record makes X.worked.h5 from it and from recorded runs)"
     if file.name.endswith(".fixes.csv"):
@@ -113,13 +113,13 @@ def create_array(
     """Create an empty array that grows along its first axis, in chunks of whole rows.
 
     Args:
-        store: the open file.
-        schema: with the array.
-        path: of the array.
+        store: open file.
+        schema: schema with the array.
+        path: path of the array.
         row_shape: shape of a row.
         dtype: stored type, if not the schema's first.
-        rows: of a chunk; by default about 1 MiB.
-        checksum: of every chunk (Fletcher's), so that a damaged one cannot be read as data.
+        rows: number of rows per chunk; by default about 1 MiB.
+        checksum: whether every chunk has a checksum (Fletcher's), so that a damaged one cannot be read as data.
     """
     entry = schema.dataset(path)
     kind = np.dtype(entry.dtype[0] if dtype is None else dtype)
@@ -152,11 +152,11 @@ def validate_store(
     """Findings of an open file, lazily, in the schema's order.
 
     Args:
-        store: the open file.
-        path: its name in the findings.
-        schema: of the file.
-        bulk: also read the bulk datasets, block by block.
-        complete: false while a writer still appends: the minimum sizes are not checked yet.
+        store: open file.
+        path: name of the file in the findings.
+        schema: schema of the file.
+        bulk: whether to read also the bulk datasets, block by block.
+        complete: whether the file is complete; if not, the minimum sizes are not checked.
     """
     file = str(path)
     try:
@@ -353,7 +353,7 @@ _FORMAT = ("v110", "v110")
 class GuardedFile:
     """Binary file for h5py's ``fileobj`` driver whose writes never fail; ``error`` holds the first failure.
 
-    h5py passes buffers of its own type, which only ``memoryview`` understands: hence ``Any``.
+    h5py passes a private buffer type, which only ``memoryview`` understands: hence ``Any``.
     """
 
     def __init__(self, path: Path) -> None:
@@ -375,7 +375,7 @@ class GuardedFile:
         return self._position
 
     def read(self, size: int) -> bytes:
-        """As in ``io``; HDF5 itself calls ``readinto``."""
+        """Read bytes as in ``io``; HDF5 itself calls ``readinto``."""
         buffer = bytearray(size)
         self.readinto(memoryview(buffer))
         return bytes(buffer)

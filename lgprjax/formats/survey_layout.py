@@ -17,7 +17,7 @@ from lgprjax.formats.survey_track import SurveyOrigin, check_utm, utm_projection
 _STRAIGHT_M = 0.25
 """Lines that keep their direction within this become an array's channels; others are driven one by one."""
 _SMOOTHED_M = 5.0
-"""Stand-alone receivers scatter by decimetres from second to second: their positions are averaged over this."""
+"""Averaging length of stand-alone receivers' positions, which scatter by decimetres from second to second."""
 _OTHER_STEP = 0.2
 _DEGREE_M = 111_200.0
 """Metres per degree of latitude: accurate enough to extrapolate from a line's last place."""
@@ -31,11 +31,12 @@ class SurveyLayout(NamedTuple):
 
     Attributes:
         source: ``tape``, ``topography``, ``receiver`` or ``header``.
-        place: origin of the lines and their direction; not the given one if the positions have their own on the earth.
-        place_assumed: whether its place on the earth is assumed.
-        left_m: of each line, to the left of the origin.
-        along_m: place of each row of its topography along the lines; ``None``: from the header or the neighbours.
-        on_earth: latitude and longitude of each line's traces as stored, if each has a place of its own; the previous
+        place: origin and direction of the lines; not the given one if the positions are geographic.
+        place_assumed: whether its geographic position is assumed.
+        left_m: position of each line to the left of the origin.
+        along_m: position of each row of a line's topography along the lines; ``None``: from the header or the
+            neighbours.
+        on_earth: latitude and longitude of each line's stored traces, if each trace has its own position; the previous
             fields are then unused.
     """
 
@@ -57,14 +58,14 @@ def lay_out(
     """Lay out lines by the best information available for all of them.
 
     Args:
-        lines: of the survey.
+        lines: lines of the survey.
         beside: side positions of each line.
-        right_m: of each line to the right of the origin, if measured by tape.
+        right_m: position of each line to the right of the origin, if measured by tape.
         place: origin and direction given by the user, or defaults.
-        utm_zone: of positions in metres of a UTM grid.
+        utm_zone: zone of positions in metres of a UTM grid.
 
     Raises:
-        InputError: several lines without any positions, or positions that are invalid.
+        InputError: there are several lines without any positions, or positions are invalid.
     """
     assumed = bool(place.assumed())
     beside = [
@@ -124,7 +125,7 @@ def header_positions(line: Profile) -> SidePositions | None:
     index = np.arange(len(there.x))
     x, y = (np.interp(index, at, values) for values in given.T)
     after = index[at[-1] + 1 :] - at[-1]
-    # The antenna stood where a place lasts longer than any before.
+    # The antenna was at standstill where a position lasts longer than any before.
     if len(at) > 1 and 0 < len(after) < np.diff(at).max():
         x[at[-1] + 1 :], y[at[-1] + 1 :] = given[-1][:, None] + np.outer(
             (given[-1] - given[-2]) / (at[-1] - at[-2]), after

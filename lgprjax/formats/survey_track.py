@@ -20,7 +20,7 @@ from lgprjax.formats.travel import SmoothedTravel, smoothed_travel
 SURVEY_SPEED_MPS = 1.0
 CLOCK_ASSUMED: Assumed = {"time": "unknown", "speed": f"{SURVEY_SPEED_MPS:g} m/s"}
 FIRST_SAMPLE = "the first sample"
-# What a person gave for nothing.
+# Notes on unused input.
 UNUSED_PLACE = "the latitude and longitude given were not used: the lines have their own positions"
 TRACK_ASSUMED: Assumed = {"roll": "taken as 0", "position sigma": "not recorded", "heading sigma": "not recorded"}
 # Headings are computed over this length of path: centimetres of noise then change them by a degree or two at most.
@@ -56,19 +56,19 @@ class SurveyOrigin(NamedTuple):
 
 
 def unused_zone(utm_zone: str, why: str) -> str:
-    """That a zone was given for nothing, in words."""
+    """Note that a given zone was not used."""
     return f"the UTM zone {utm_zone} was not used: {why}"
 
 
 def time_zero_assumed(time_zero_ns: float, window_ns: float) -> Assumed:
-    """What is assumed of the time zero of a format that does not record it: the first sample, unless one is given.
+    """Assumption on the time zero of a format that does not record it: the first sample, unless one is given.
 
     Args:
         time_zero_ns: time from the first sample to time zero.
         window_ns: time from the first sample to the end of the last.
 
     Raises:
-        ArgumentError: it is no number, or after the last sample.
+        ArgumentError: the time zero is not a number, or after the last sample.
     """
     if not (np.isfinite(time_zero_ns) and time_zero_ns < window_ns):
         raise ArgumentError("time_zero_ns", f"a number below the {window_ns:g} ns of a trace", f"{time_zero_ns:g}")
@@ -223,10 +223,10 @@ def write_turning_points(
     Bearings (true, clockwise from north) and distances are those of the geodesic on the ellipsoid.
 
     Args:
-        path: CSV file.
-        latitude_deg, longitude_deg: of the corners.
-        benchmark_deg: its latitude and longitude; ``None``: the first turning point.
-        force: replace an output that exists.
+        path: path of the CSV file.
+        latitude_deg, longitude_deg: positions of the corners.
+        benchmark_deg: latitude and longitude of the benchmark; ``None``: the first turning point.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: the output exists (without ``force``) or cannot be written.

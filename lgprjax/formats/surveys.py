@@ -55,10 +55,10 @@ class Survey(NamedTuple):
     """Result of ``import_lines``.
 
     Attributes:
-        lines: findings on each, from left to right, or in driving order.
-        placed_by: ``tape``, ``topography``, ``receiver`` or ``header``.
-        assumed: quantities that no instrument recorded, and what the drive log assumes instead.
-        notes: what was left unused, or looks wrong; each a line.
+        lines: findings on each line, from left to right, or in driving order.
+        placed_by: source of positions: ``tape``, ``topography``, ``receiver`` or ``header``.
+        assumed: assumptions for unrecorded quantities, by quantity.
+        notes: notes on unused and suspicious input, one line each.
     """
 
     lines: tuple[LineFinding, ...]
@@ -103,18 +103,18 @@ def import_lines(
             tape.
         output: the drive log.
         line_spacing_m: distance between lines.
-        lines_at_m: place of each line, to the right of the origin.
+        lines_at_m: position of each line, to the right of the origin.
         first_line_m: with ``line_spacing_m``, distance of the first line to the right of the origin.
-        length_m: spread every line evenly over this length (both ends on the tape) and resample it to the common
+        length_m: length over which every line is spread evenly (both ends on the tape) and resampled to the common
             step. Without it lines keep the spacing and start of their headers and may end early.
         time_zero, polarity, reversed_lines: see ``find_lines``.
-        channel: the only one to read of files with several, from 0.
-        sample_interval_ns, sample_format: of SEG-Y files, see ``read_segy``.
-        utm_zone: of positions in metres of a UTM grid, such as ``33N``.
-        partial: read the intact traces of truncated files.
+        channel: only channel to read of files with several, from 0.
+        sample_interval_ns, sample_format: sample interval and format of SEG-Y files, see ``read_segy``.
+        utm_zone: zone of positions in metres of a UTM grid, such as ``33N``.
+        partial: whether to read the intact traces of truncated files.
         latitude_deg, longitude_deg: origin, WGS-84.
         heading_deg: direction of the lines, clockwise from true north.
-        force: replace an output that exists.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: a file cannot be read, or the lines do not belong together.
@@ -227,7 +227,7 @@ def import_iprb(
     output: str | Path,
     force: bool = False,
 ) -> str | None:
-    """Write the ImpulseRadar files of one line, one a channel, as one drive log.
+    """Write the ImpulseRadar files of one line, one per channel, as one drive log.
 
     Several files are an array, placed by ``CH_X_OFFSET`` and ``CH_Y_OFFSET`` of their headers; the leftmost becomes
     channel 0, in any order of the files. A single file is a single channel on the line.
@@ -238,7 +238,7 @@ def import_iprb(
         length_m: length of the line, if measured by tape.
         partial: read the intact traces of truncated files.
         output: the drive log.
-        force: replace an output that exists.
+        force: whether to replace an existing output.
 
     Returns:
         How many traces of truncated files were read; ``None``: all.
@@ -327,7 +327,7 @@ def _notes(
     utm_zone: str | None,
     length_m: float | None,
 ) -> tuple[str, ...]:
-    """What was left unused and what looks wrong, in words."""
+    """Notes on unused and suspicious input."""
     notes = list(dict.fromkeys(note for line in lines for note in line.notes))
     files = dict.fromkeys(line.path for line in lines)
     if length_m is not None:
@@ -442,10 +442,10 @@ _SURE_SIGMAS = 4.0
 def _with_believed_lengths(
     lines: list[Profile], beside: list[SidePositions | None], length_m: float | None
 ) -> tuple[list[Profile], list[SidePositions | None], list[str]]:
-    """Lines with the length of the more reliable source, their usable side positions, and notes where two disagree.
+    """Lines with the length of the more reliable source, their usable side positions, and notes on disagreements.
 
-    A receiver is believed before a header where their difference is far beyond its noise: spacings are typed in by
-    hand. A receiver that stood still while the header's traces went on is not used.
+    A receiver is preferred to a header if their difference is far beyond its noise, because spacings are typed in by
+    hand. A receiver at standstill while the header's traces continue is not used.
     """
     lines, beside, notes = list(lines), list(beside), []
     for i, (line, side) in enumerate(zip(lines, beside, strict=True)):
@@ -487,7 +487,7 @@ def _header_m(line: Profile, first: int, last: int) -> float:
 
 
 def _channels(profile: Profile) -> list[Profile]:
-    """Each channel as a line of its own."""
+    """Each channel as a separate line."""
     return [
         replace(profile, channels=profile.channels[:, c : c + 1], left_m=None, forward_m=None)
         for c in range(profile.channels.shape[1])

@@ -1,4 +1,4 @@
-"""What a run takes up of earlier ones: place, worked stretches and the worked map, one file in the run's folder."""
+"""Resumed work of earlier runs: place, worked stretches and the worked map, one file in the run's folder."""
 
 import json
 import zipfile
@@ -21,14 +21,14 @@ class TakenUp(NamedTuple):
     """Work of earlier runs by a plan.
 
     Attributes:
-        plan_sha256: of the plan.
-        resumption: where to go on, and what is worked beyond it.
-        grid: of the map.
-        probability: of each cell, by the best pass of any run.
-        runs: UUID and number of moments, ``UUID:MOMENTS``, of the runs that are in it; an older program's file has the
-            UUID alone.
-        shared_sigma_m: an axis, of the error that all positions share, as the map was made with; NaN where a file of
-            an older program does not say.
+        plan_sha256: SHA-256 of the plan.
+        resumption: place of resumption, and worked stretches beyond it.
+        grid: grid of the map.
+        probability: probability of each cell, by the best pass of any run.
+        runs: UUID and number of moments, ``UUID:MOMENTS``, of the runs included; files of older programs have the UUID
+            alone.
+        shared_sigma_m: standard deviation per axis of the shared error used for the map; NaN if a file of an older
+            program does not state it.
     """
 
     plan_sha256: str
@@ -40,10 +40,10 @@ class TakenUp(NamedTuple):
 
 
 def write_taken_up(path: Path, held: TakenUp) -> None:
-    """Write it; whole or not at all.
+    """Write the file atomically.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
     head = {
         "version": _VERSION,

@@ -18,15 +18,15 @@ _KML = "http://www.opengis.net/kml/2.2"
 
 
 class Trajectory(NamedTuple):
-    """Poses of an array's centre, one a scan; all of them known.
+    """Poses of an array's centre, one per scan; all of them known.
 
     Attributes:
-        name: of the drive.
-        what: whose poses these are, in words.
-        t0_utc: ISO 8601, that ``time_s`` counts from.
-        latitude_deg, longitude_deg, height_m: WGS-84.
-        heading_deg: clockwise from true north.
-        roll_deg: positive right side down.
+        name: name of the drive.
+        what: description of the source of the poses.
+        t0_utc: origin of ``time_s``, ISO 8601.
+        latitude_deg, longitude_deg, height_m: WGS-84 position.
+        heading_deg: heading, clockwise from true north.
+        roll_deg: roll, positive right side down.
         properties: further columns, for formats that have room for them.
     """
 
@@ -46,13 +46,14 @@ def write_trajectory(path: str | Path, trajectory: Trajectory, frame: LocalFrame
     """Write a trajectory in the format of the file's name.
 
     Args:
-        path: ends in .tum, .kitti, .geojson or .kml.
-        trajectory: at least one pose.
-        frame: of the metres of .tum and .kitti: x east, y north, z up.
-        force: replace a file that exists.
+        path: path that ends in .tum, .kitti, .geojson or .kml.
+        trajectory: trajectory of at least one pose.
+        frame: frame of the metres of .tum and .kitti: x east, y north, z up.
+        force: whether to replace an existing file.
 
     Raises:
-        InputError: another name, no pose, or an output that exists (without ``force``) or cannot be written.
+        InputError: the name has another suffix, there is no pose, or the output exists (without ``force``) or cannot be
+            written.
     """
     write = _WRITERS.get(Path(path).suffix.lower())
     if write is None:

@@ -403,16 +403,16 @@ def scale_by_fixes(
     leg: Int[np.ndarray, " scan"],
     ok: Bool[np.ndarray, " scan"],
 ) -> float | None:
-    """Metres by the map a metre of recorded travel; None where it is 1 as far as the fixes tell, or they are too few.
+    """Scale of the recorded travel, map metres per metre; ``None`` if it is 1 within errors, or fixes are too few.
 
-    Chords between fixes some metres apart are compared with those of dead reckoning. A window that is laid out by a
-    wrong scale displaces both ends of a chord alike.
+    Chords between fixes some metres apart are compared with those of dead reckoning. A window laid out with a wrong
+    scale displaces both ends of a chord alike.
 
     Args:
-        place_m: of the point whose travel is recorded, by each fix.
-        yaw_rad: of the vehicle; a constant error does not matter.
+        place_m: position of the point whose travel is recorded, by each fix.
+        yaw_rad: yaw of the vehicle; a constant error does not matter.
         travel_m, leg: signed travel, known within a leg.
-        ok: scans with a fix.
+        ok: mask of scans with a fix.
     """
     step_m = np.diff(travel_m, prepend=travel_m[:1])
     middle = yaw_rad - 0.5 * np.diff(yaw_rad, prepend=yaw_rad[:1])
@@ -440,7 +440,7 @@ _LEAST_RECORDS = 8
 _RATIOS = np.arange(-8.0, 8.1, 0.5)
 """Decimal logarithms of the noise's weight relative to that of the acceleration between neighbouring records."""
 _DOUBT = 2.0
-"""Log likelihood by which noise must be the better explanation of a record to be told from acceleration."""
+"""Least advantage in log likelihood of noise over acceleration as the explanation of a record."""
 _SCATTER = 1.5
 """The scatter of a short record is this uncertain."""
 _SAMPLED = 24
@@ -511,9 +511,9 @@ class _Spline:
     """Cubic smoothing spline of a record, by its second differences.
 
     Attributes:
-        weight: variance of the noise over the spectral density of the acceleration.
-        log_likelihood: of the weight, with the best variance for it.
-        noise_m: sigma of the noise with this weight.
+        weight: variance of the noise divided by the spectral density of the acceleration.
+        log_likelihood: log likelihood of the weight, with the best variance for it.
+        noise_m: standard deviation of the noise with this weight.
     """
 
     def __init__(self, time_s: Float[np.ndarray, " record"], distance_m: Float[np.ndarray, " record"], weight: float):

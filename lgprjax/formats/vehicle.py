@@ -19,7 +19,7 @@ from lgprjax.formats.store import atomic_output
 
 
 def flat_keys(table: dict[str, Any]) -> dict[str, Any]:
-    """Keys by their dotted path. In ``found`` each number's table has a path of its own: ``found.PATH.low``."""
+    """Keys by their dotted path. In ``found`` each number's table has a separate path: ``found.PATH.low``."""
     flat: dict[str, Any] = {}
     for name, value in table.items():
         if not isinstance(value, dict):
@@ -34,7 +34,7 @@ def flat_keys(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def as_list(value: Any) -> list[Any]:
-    """A list as it is, anything else as a list of one."""
+    """The value as a list; other values as a list of one."""
     return value if isinstance(value, list) else [value]
 
 
@@ -63,7 +63,7 @@ class ToolTable(ConfigTable):
 
 
 class BodyTable(ConfigTable):
-    """How far the body reaches from the reference point in each direction, metres, the tool's housing included."""
+    """Extent of the body from the reference point in each direction, metres, including the tool's housing."""
 
     front_m: float | None = None
     rear_m: float | None = None
@@ -188,12 +188,12 @@ class PursuitTable(ConfigTable):
 
 
 class ArrayTable(ConfigTable):
-    """Place of the radar array, metres; of each channel from the left, where they are not evenly spaced and alike.
+    """Position of the radar array, metres; lists for channels, from the left, that are not evenly spaced and alike.
 
     Attributes:
         channel_x_m, channel_y_m: phase centre in the body frame.
         channel_time_s: delay of the channel after the scan's own time.
-        channel_gain, channel_delay_ns: of a stepped-frequency array's channels, relative to their mean.
+        channel_gain, channel_delay_ns: gain and delay of a stepped-frequency array's channels, relative to their mean.
     """
 
     x_m: float | None = None
@@ -224,9 +224,9 @@ class NavigationTable(ConfigTable):
 
 
 class Found(ConfigTable):
-    """How a number was found: standard error and 95 % interval in the number's unit, by which study, on which logs.
+    """Origin of a number: standard error and 95 % interval in the number's unit, study, and logs.
 
-    ``low``, ``high`` and ``sigma`` are lists for a key that is one.
+    ``low``, ``high`` and ``sigma`` are lists for a key that holds a list.
     """
 
     low: float | list[float]
@@ -305,14 +305,14 @@ def with_values(
     """A vehicle with other numbers.
 
     Args:
-        vehicle: not modified.
-        values: by dotted path, such as ``steering.lag_s``.
-        found: how some of them were found. Such records of the other changed numbers are removed, as they no longer
+        vehicle: original vehicle, not modified.
+        values: new values by dotted path, such as ``steering.lag_s``.
+        found: origins of some of them. Such records of the other changed numbers are removed, because they no longer
             hold.
-        assumed: nobody has measured these values.
+        assumed: whether the values are assumed, not measured.
 
-    Raises:
-        ValidationError: an unknown path, an invalid value, or numbers that contradict each other.
+        Raises:
+        ValidationError: a path is unknown, a value is invalid, or numbers contradict each other.
     """
     table = vehicle.model_dump(exclude_none=True)
     kept = {path: entry for path, entry in table.pop("found", {}).items() if path not in values}
@@ -344,7 +344,7 @@ def read_vehicle(path: str | Path) -> VehicleFile:
 
 
 def write_vehicle(path: str | Path, vehicle: VehicleFile, *, force: bool = False) -> None:
-    """Write a vehicle to its file, each key with its description; what is as without a key has none.
+    """Write a vehicle to its file, each key with its description; defaults are left out.
 
     Raises:
         InputError: a value does not match the schema, or the output exists (without ``force``) or cannot be written.
@@ -370,12 +370,12 @@ def require_serial_number(
     """Refuse a file that names another vehicle. A file without a name is accepted.
 
     Args:
-        vehicle, vehicle_path: the vehicle and its file.
+        vehicle, vehicle_path: vehicle and path of its file.
         named: serial number in a study or a drive log.
-        file, place: where it names it.
+        file, place: file and place of that serial number.
 
     Raises:
-        InputError: another serial number, or one although the vehicle file has none.
+        InputError: the serial number differs, or the vehicle file has none.
     """
     if named is None or named == vehicle.serial_number:
         return
@@ -387,7 +387,7 @@ def vehicle_findings(path: Path) -> Iterator[Finding]:
     """Every problem of a vehicle file.
 
     Raises:
-        InputError: it cannot be read, or is not TOML.
+        InputError: the file cannot be read, or is not TOML.
     """
     return table_problems(path, load_toml(path))
 

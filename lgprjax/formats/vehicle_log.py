@@ -42,15 +42,15 @@ class VehicleLog:
     """A drive without its radar data.
 
     Attributes:
-        name: of the drive.
+        name: name of the drive.
         t0_utc: origin of every ``time_s``, ISO 8601.
         navigation: GNSS/INS poses, with sigmas.
         odometry: signed travel.
         truth: true poses, without sigmas, if known.
-        vehicle: signals by their names in ``data_schema/drive.toml``, ``time_s`` among them; ``None`` without any.
-        serial_number: of the vehicle, ``None`` where the log names none.
+        vehicle: signals by their names in ``data_schema/drive.toml``, including ``time_s``; ``None`` without any.
+        serial_number: serial number of the vehicle, ``None`` if the log names none.
         provenance: steps, parameters and inputs of the log; must be JSON.
-        plan: what the autopilot decided, likewise by name.
+        plan: decisions of the autopilot by name; ``None`` without any.
     """
 
     name: str

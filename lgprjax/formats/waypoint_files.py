@@ -25,14 +25,14 @@ class Waypoints(NamedTuple):
     """A route in the order of driving.
 
     Attributes:
-        leg: its number, from 0.
+        leg: number of the leg, from 0.
         gear: 1 forward, -1 reversing.
-        arc_m: along the leg.
-        latitude_deg, longitude_deg: WGS-84, of the array's centre.
-        height_m: ellipsoidal, of the ground.
-        heading_deg: of travel, clockwise from true north; the body points the other way where the gear is -1.
-        curvature_radpm: positive to the left.
-        speed_mps: highest.
+        arc_m: distance along the leg.
+        latitude_deg, longitude_deg: WGS-84 position of the array's centre.
+        height_m: ellipsoidal height of the ground.
+        heading_deg: direction of travel, clockwise from true north; opposite to the body's heading if the gear is -1.
+        curvature_radpm: curvature, positive to the left.
+        speed_mps: highest speed.
     """
 
     leg: Int[np.ndarray, " row"]
@@ -50,10 +50,10 @@ class WaypointTrack(NamedTuple):
     """A track of a file, in the order of driving.
 
     Attributes:
-        name: of the track; of the file where it has none.
-        latitude_deg, longitude_deg: WGS-84.
-        height_m: ellipsoidal, or as the file has it; NaN where it has none.
-        heading_deg: of travel, clockwise from true north; NaN where the file has none.
+        name: name of the track, or of the file if the track has none.
+        latitude_deg, longitude_deg: WGS-84 position.
+        height_m: ellipsoidal height, or the file's height; NaN without one.
+        heading_deg: direction of travel, clockwise from true north; NaN if the file has none.
         gear: 1 forward, -1 reversing.
     """
 
@@ -68,17 +68,18 @@ class WaypointTrack(NamedTuple):
 def write_waypoints(path: str | Path, name: str, waypoints: Waypoints, *, force: bool = False) -> None:
     """Write waypoints in the format of the file's suffix.
 
-    A CSV has one row a waypoint; GeoJSON one LineString a leg, its other columns as lists among the properties; GPX
-    one track segment a leg with the other columns as extensions. Positions have ten decimals of a degree.
+    A CSV has one row per waypoint; GeoJSON one LineString per leg, with the other columns as lists among the
+    properties; GPX one track segment per leg with the other columns as extensions. Positions have ten decimals of a
+    degree.
 
     Args:
-        path: ``.csv``, ``.geojson`` or ``.gpx``.
-        name: of the route.
-        waypoints: to write.
-        force: replace an output that exists.
+        path: path that ends in ``.csv``, ``.geojson`` or ``.gpx``.
+        name: name of the route.
+        waypoints: waypoints to write.
+        force: whether to replace an existing output.
 
     Raises:
-        InputError: another suffix, or the output cannot be written.
+        InputError: the suffix is another, or the output cannot be written.
     """
     write = {".csv": _csv, ".geojson": _geojson, ".gpx": _gpx}.get(Path(path).suffix.lower())
     if write is None:

@@ -43,11 +43,11 @@ class WorkedCells(NamedTuple):
     """Ground cells, row 0 southmost.
 
     Attributes:
-        east_m, north_m: of the grid's south-west corner.
+        east_m, north_m: south-west corner of the grid.
         cell_m: side of a cell.
-        probability: that a cell was worked in its best pass, rounded down to 1/``FULL``.
-        level: confidences, rising.
-        state: at each level, a ``coverage.CellState``.
+        probability: probability that a cell was worked in its best pass, rounded down to 1/``FULL``.
+        level: confidence levels, rising.
+        state: ``coverage.CellState`` of each cell at each level.
     """
 
     east_m: float
@@ -59,11 +59,11 @@ class WorkedCells(NamedTuple):
 
 
 class CoverChannels(NamedTuple):
-    """Moments, ten a second, run after run; names and units as in ``cover`` of ``data_schema/run_log.toml``.
+    """Moments, ten per second, run after run; names and units as in ``cover`` of ``data_schema/run_log.toml``.
 
     Attributes:
-        time_s: since the record's ``t0_utc``; rises within a run.
-        run: which of the runs.
+        time_s: time since the record's ``t0_utc``; rises within a run.
+        run: number of the run.
     """
 
     time_s: Float[np.ndarray, " moment"]
@@ -131,11 +131,11 @@ class WorkedRecord(NamedTuple):
     """The record of a worked field.
 
     Attributes:
-        name: of the field.
-        frame: local metres around the plan's anchor.
+        name: name of the field.
+        frame: local frame at the plan's anchor.
         perimeter_m: corners, counter-clockwise.
-        tool: that worked.
-        t0_utc: ISO 8601; times count from it.
+        tool: tool that worked.
+        t0_utc: origin of times, ISO 8601.
         cells, channels, passes, swaths, stops, events: contents.
         provenance: program and inputs with their SHA-256.
     """
@@ -297,10 +297,10 @@ class GeoLayer(NamedTuple):
     """Shapes of one kind with the same properties each.
 
     Attributes:
-        name: of the layer.
+        name: name of the layer.
         kind: ``Polygon``, ``LineString`` or ``Point``.
-        shapes: of shapely, in degrees, longitude first; polygons with their outer ring counter-clockwise.
-        properties: of each shape; ``None`` for a number that is not known.
+        shapes: shapely geometries in degrees, longitude first; polygons with their outer ring counter-clockwise.
+        properties: properties of each shape; ``None`` for unknown numbers.
     """
 
     name: str
@@ -315,10 +315,10 @@ def write_geopackage(
     """Write layers to a GeoPackage, empty ones too.
 
     Args:
-        path: the output.
-        layers: in the order of the file.
-        metadata: of the file as a whole.
-        force: replace an output that exists.
+        path: path of the output.
+        layers: layers in the order of the file.
+        metadata: metadata of the whole file.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: pyogrio is missing, or the output exists (without ``force``) or cannot be written.
@@ -398,10 +398,10 @@ def write_cells(path: str | Path, record: WorkedRecord, inside: np.ndarray, *, f
     """Write the cells of a field as CSV, row by row from the south-west.
 
     Args:
-        path: the output.
-        record: whose cells they are.
-        inside: cells of the field.
-        force: replace an output that exists.
+        path: path of the output.
+        record: record with the cells.
+        inside: mask of cells of the field.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: the output exists (without ``force``) or cannot be written.
@@ -459,14 +459,14 @@ def write_kml(
     colours: dict[str, str],
     force: bool = False,
 ) -> None:
-    """Write layers as KML 2.2, a folder each.
+    """Write layers as KML 2.2, one folder per layer.
 
     Args:
-        path: the output.
-        layers: in the order of the file.
-        metadata: written to the document's description.
-        colours: ``#rrggbb`` by layer; polygons are filled with it, half see-through.
-        force: replace an output that exists.
+        path: path of the output.
+        layers: layers in the order of the file.
+        metadata: metadata, written to the document's description.
+        colours: ``#rrggbb`` by layer; polygons are filled with it, half transparent.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: the output exists (without ``force``) or cannot be written.
@@ -491,7 +491,7 @@ def write_kml(
 
 
 def _column(values: list[Any]) -> np.ndarray:
-    """A column of a table: numbers as they are, those that are not known as NaN, anything else as text."""
+    """A column of a table: numbers, NaN for unknown ones, anything else as text."""
     kinds = {type(value) for value in values}
     if kinds <= {int}:
         return np.array(values)

@@ -58,7 +58,7 @@ def passes_of(source: MapFile, reach_m: float) -> Passes:
     """Cut a map's baselines into passes.
 
     Args:
-        source: the map.
+        source: map.
         reach_m: places whose labels are nearer than this may be the same ground.
     """
     lag = round(_SAME_PASS_M / STEP_M)
@@ -87,14 +87,14 @@ def passes_of(source: MapFile, reach_m: float) -> Passes:
 
 
 def pairs_of(source: MapFile, passes: Passes, search_m: float) -> PassPairs:
-    """Which earlier passes each place is matched with: of those nearby the last, and the 2nd, 4th, 8th last.
+    """Pairs of places and earlier passes to match: of the passes nearby the last, and the 2nd, 4th, 8th last.
 
     The work thus grows with the logarithm of the number of passes, and any two passes over the same ground are
     connected by few steps.
 
     Args:
-        source: the map.
-        passes: of it.
+        source: map.
+        passes: passes of the map.
         search_m: half side of the search around a label.
     """
     point_m = source.pose[passes.station, :2]
@@ -131,7 +131,7 @@ _NO_GROUND = (Code.OFF_MAP, Code.LOW_OVERLAP, Code.NON_FINITE, Code.NO_WINDOW)
 
 
 class MatchPlan(NamedTuple):
-    """What to match: the search, the passes, and the pairs of place and earlier pass."""
+    """Plan of the matches: the search, the passes, and the pairs of place and earlier pass."""
 
     options: RegisterOptions
     passes: Passes
@@ -142,12 +142,12 @@ class PassMatches(NamedTuple):
     """Places matched on the ground of earlier passes, one row each.
 
     Attributes:
-        station, number: the place's station and its pass.
-        ground: nearest station of the pass it was matched with.
-        on: that pass.
+        station, number: station of the place, and its pass.
+        ground: nearest station of the pass on which it was matched.
+        on: number of that pass.
         found: east_m, north_m, yaw_rad by the ground's labels.
-        covariance: of ``found``.
-        code: of registration.
+        covariance: covariance of ``found``.
+        code: code of registration.
     """
 
     station: Int[np.ndarray, " row"]
@@ -166,7 +166,7 @@ def label_sigmas(source: MapFile) -> Float[np.ndarray, " drive"]:
 
 
 def plan_matches(source: MapFile) -> MatchPlan:
-    """What to match: every place with earlier passes nearby, within three sigmas of two labels' difference."""
+    """Plan matches of every place with earlier passes nearby, within three sigmas of two labels' difference."""
     apart_m = _SEARCH_SIGMAS * np.sqrt(2.0) * float(label_sigmas(source).max())
     options = RegisterOptions(search_m=float(np.clip(apart_m, *_SEARCH_M)))
     passes = passes_of(source, source.description.array_width_m + options.search_half_m())
@@ -179,9 +179,9 @@ def match_passes(source: MapFile, plan: MatchPlan, progress: Callable[[int], Non
     One tile is gridded at a time.
 
     Args:
-        source: the map.
-        plan: what to match.
-        progress: called with the number of matches done since the last call.
+        source: map.
+        plan: plan of the matches.
+        progress: function called with the number of matches done since the last call.
     """
     return _matched(source, plan, np.zeros((len(source.pose), 3)), progress, near=False)
 
@@ -194,12 +194,12 @@ def match_again(
 ) -> PassMatches:
     """Match again where labels are known to some decimetres, in a small region.
 
-    Only the part of an array over the other pass's ground is used: passes side by side are matched as well, and none is
-    drawn sideways to where more of the array would overlap.
+    Only the part of an array over the other pass's ground is used, so that adjacent passes are matched as well, without
+    a bias sideways towards more overlap.
 
     Args:
         source, plan, progress: as for ``match_passes``.
-        correction: what to add to the labels' east_m, north_m and yaw_rad of every station.
+        correction: correction of the labels' east_m, north_m and yaw_rad of every station.
     """
     near = plan._replace(options=RegisterOptions(search_m=_AGAIN_M))
     return _matched(source, near, correction, progress, near=True)
@@ -312,7 +312,7 @@ class _PassGround:
         )
 
     def _nearest(self, index: SpatialIndex, point_m: Float[np.ndarray, "row 2"]) -> Int[np.ndarray, " row"]:
-        """Nearest station of the pass; the first where none is near, or where the point is not finite."""
+        """Nearest station of the pass; the first if none is near, or the point is not finite."""
         near = [index.nearest(point, self._reach_m) if np.all(np.isfinite(point)) else None for point in point_m]
         return np.array([number or 0 for number in near], np.int64)
 
@@ -347,10 +347,11 @@ class BaselineChange(NamedTuple):
 
     Attributes:
         drive: number of the baseline.
-        matches, kept: of its places and on its ground, and those of them that were used; without any it not modified.
-        moved_rms_m, moved_max_m: of its labels.
-        sigma_before_m, sigma_after_m: of its labels' east and north, root mean square; NaN after, if it is not
-            connected.
+        matches, kept: number of matches of its places and on its ground, and of those used; without any it is not
+            modified.
+        moved_rms_m, moved_max_m: RMS and largest change of its labels.
+        sigma_before_m, sigma_after_m: standard deviations of its labels' east and north, root mean square; NaN after,
+            if it is not connected.
     """
 
     drive: int
@@ -366,8 +367,8 @@ class Consistency(NamedTuple):
     """Distance of matches from their labels, over the matches that are ok and supported.
 
     Attributes:
-        rms_m: root mean square over those that were used.
-        median_m: over all of them.
+        rms_m: root mean square over the matches used.
+        median_m: median over all matches.
     """
 
     rms_m: float
@@ -375,16 +376,17 @@ class Consistency(NamedTuple):
 
 
 class AgreedBaselines(NamedTuple):
-    """A map's stations where its baselines agree.
+    """A map's stations after the alignment of its baselines.
 
     Attributes:
-        pose: of all stations.
-        tried, matched, used, kept: places of passes tried on earlier passes; matches with code ok; those not alone;
-            those kept by the graph.
+        pose: pose of all stations.
+        tried, matched, used, kept: number of places of passes tried on earlier passes; of matches with code ok; of
+            supported ones; of those kept by the graph.
         noise_scale: see ``GraphSolution``.
         before, after: distance of the matches from the labels.
-        baselines: one each.
-        solution: of the graph; ``stations`` are its chains.
+        baselines: change of each baseline.
+        solution: solution of the graph.
+        stations: chains of the graph.
     """
 
     pose: Float[np.ndarray, "scan 5"]
@@ -435,9 +437,9 @@ def agree_baselines(source: MapFile, matches: PassMatches, model: LabelModel | N
     """Correct a map's labels so that its baselines agree with each other.
 
     Args:
-        source: the map.
-        matches: of its passes with each other.
-        model: of the labels' errors.
+        source: map.
+        matches: matches of its passes with each other.
+        model: model of the labels' errors.
     """
     model, used = model or LabelModel(), supported(matches)
     stations = chains_of(source)
@@ -523,17 +525,17 @@ def refine_map(
 ) -> AgreedBaselines:
     """Register a map's baselines on each other, make their labels consistent, and write the resulting map.
 
-    Stations are copied as stored; their poses change, and with them the tiles. Baselines without connections stay where
-    they are. The sigmas of the labels are those of the old map: where baselines agree on a mean of their labels, the
-    mean of their sigmas, taken as independent, is the sigma of that mean.
+    Stations are copied as stored; their poses change, and with them the tiles. Baselines without connections are
+    unchanged. The sigmas of the labels are those of the old map: if baselines agree on a mean of their labels, the mean
+    of their sigmas, taken as independent, is the sigma of that mean.
 
     Args:
-        source: the map.
-        plan: what to match (``plan_matches``).
-        output: the new one.
-        force: replace an output that exists.
-        progress: called with the number of matches done since the last call; each is done twice.
-        stage: called with each step after the last match.
+        source: map.
+        plan: plan of the matches (``plan_matches``).
+        output: path of the new map.
+        force: whether to replace an existing output.
+        progress: function called with the number of matches done since the last call; each is done twice.
+        stage: function called with each step after the last match.
 
     Raises:
         InputError: the output exists or cannot be written, or the map holds damage.
@@ -561,9 +563,9 @@ def agree_twice(source: MapFile, plan: MatchPlan, progress: Callable[[int], None
     """Align baselines by matches in a wide region around their labels, then by matches around the corrected labels.
 
     Args:
-        source: the map.
-        plan: what to match.
-        progress: called with the number of matches done since the last call; each is done twice.
+        source: map.
+        plan: plan of the matches.
+        progress: function called with the number of matches done since the last call; each is done twice.
     """
     first = agree_baselines(source, match_passes(source, plan, progress))
     correction = (first.pose - source.pose)[:, [0, 1, 3]]
@@ -613,7 +615,7 @@ def baseline_files(source: MapFile) -> list[str]:
 
 
 def agreement_in_words(agreed: AgreedBaselines, files: Sequence[str]) -> list[str]:
-    """What making baselines agree came to, a line each; ``files`` as of ``baseline_files``."""
+    """Description of the alignment, one line per result; ``files`` from ``baseline_files``."""
     share = 100.0 * (1.0 - agreed.kept / agreed.used) if agreed.used else 0.0
     before, after = agreed.before, agreed.after
     tried = (

@@ -75,21 +75,22 @@ def build_map(
 
     Args:
         drives: drive logs, of traces or of sweeps; the first gives anchor, channels and chain.
-        output: the database.
-        centre_frequency_hz: of the antennas, if missing in the first log; sweeps always have it.
+        output: path of the database.
+        centre_frequency_hz: centre frequency of the antennas, if missing in the first log; sweeps always have it.
         travel_time_ns: largest travel time of the profiles; by default traces extend to the recording's end and sweeps
             to fifteen periods of their centre frequency, never beyond the unambiguous range.
-        precision: of the stored traces.
-        force: replace an output that exists.
-        measure: measures the map's chance, which is stored in it; None to leave that to the first registration.
-        progress: called as scans are done.
-        stage: called with each step after the last scan.
+        precision: precision of the stored traces.
+        force: whether to replace an existing output.
+        measure: function that measures the map's chance, which is stored in it; ``None``: left to the first
+            registration.
+        progress: function called as scans are done.
+        stage: function called with each step after the last scan.
 
     Returns:
-        description of the map.
+        Description of the map.
 
     Raises:
-        InputError: an unusable log, drives that do not fit together, or an output that cannot be written.
+        InputError: a log is unusable, drives do not fit together, or the output cannot be written.
     """
     with DriveLog.open(drives[0]) as first:
         recording = recording_of(first)
@@ -173,12 +174,12 @@ def baseline_stations(
     """A drive as stations of a map, in units of its own RMS.
 
     Args:
-        log: the drive.
-        track: of its scans, in the map's frame.
-        operator: its matrix, to the map's profiles.
-        settings: the map's chain.
+        log: log of the drive.
+        track: track of its scans, in the map's frame.
+        operator: matrix from its recording to the map's profiles.
+        settings: processing chain of the map.
         spacing_m: typical distance between scans.
-        progress: called as scans are done.
+        progress: function called as scans are done.
 
     Raises:
         InputError: nothing was received, or the drive makes fewer than two stations.

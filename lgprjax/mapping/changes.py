@@ -16,7 +16,7 @@ from lgprjax.subsurface import GroundMap, SpatialIndex, coherence_lags
 
 # Changed ground, decided place by place along a new baseline, from its matches with each of the others.
 #
-# A single drive that does not match may have recorded snow, water or a fault of its own. The old ground is retired only
+# A single drive that does not match may have recorded snow, water or a fault. The old ground is retired only
 # where a second drive, also newer, agrees with the new one. Until then the new drive's own stations there are held
 # back: nothing shows that they are better than those they contradict.
 
@@ -35,13 +35,13 @@ class Evidence(NamedTuple):
     """Evidence of a new baseline's places about the earlier baselines.
 
     Attributes:
-        at_m: of each place, along the new baseline.
-        score: of the place's match on each baseline's ground alone; NaN where there is none, or none with a signal.
-        apart_m: of the match from its label.
-        in_force: that baseline's ground is in force there.
-        sure: the place is known from fixes before and after it, and its signal is ground.
-        newer: of drive (row) than drive (column), by their dates; the last one is the new baseline. False without
-            dates.
+        at_m: position of each place along the new baseline.
+        score: score of the place's match on each baseline's ground alone; NaN without ground, or without a signal.
+        apart_m: distance of the match from its label.
+        in_force: whether that baseline's ground is in force there.
+        sure: whether the place is known from fixes before and after it, and its signal is ground.
+        newer: whether drive (row) is newer than drive (column), by their dates; the last one is the new baseline. False
+            without dates.
     """
 
     at_m: Float[np.ndarray, " place"]
@@ -56,12 +56,12 @@ class ChangedGround(NamedTuple):
     """A stretch where the new baseline does not match an old one.
 
     Attributes:
-        start_m, stop_m: along the new baseline.
-        first, last: places, both included.
-        drive: the old baseline.
-        score: median of the matches there.
-        agreeing: newer baselines that the new one matches there: together they outvote the old one. Empty where the
-            ground may be changed or only disturbed.
+        start_m, stop_m: start and end along the new baseline.
+        first, last: numbers of the first and last place, both included.
+        drive: number of the old baseline.
+        score: median score of the matches there.
+        agreeing: newer baselines that the new one matches there: together they outvote the old one. Empty if the ground
+            may be changed or only disturbed.
     """
 
     start_m: float
@@ -184,10 +184,10 @@ class BaselinePlaces(NamedTuple):
 
     Attributes:
         drive: number of the baseline.
-        at_m: along its track.
-        station: nearest to each place.
-        pose: of that station.
-        of_station: all of its stations, and the place that each belongs to.
+        at_m: position along its track.
+        station: station nearest to each place.
+        pose: pose of that station.
+        of_station: all stations of the baseline, and the place of each.
     """
 
     drive: int
@@ -216,8 +216,8 @@ class NearPlaces:
     """Stations of a map near the places of one baseline.
 
     Args:
-        source: the map.
-        places: of the baseline.
+        source: map.
+        places: places of the baseline.
     """
 
     def __init__(self, source: MapFile, places: BaselinePlaces) -> None:
@@ -226,7 +226,7 @@ class NearPlaces:
         self._index = SpatialIndex(places.pose[:, :2], 8.0)
 
     def nearest_stations(self, kept: Bool[np.ndarray, " scan"], within_m: float) -> Int[np.ndarray, " place"]:
-        """Nearest of some stations to each place; -1 where none is close enough."""
+        """Nearest of some stations to each place; -1 if none is close enough."""
         numbers = np.flatnonzero(kept)
         if not len(numbers):
             return np.full(len(self._places.at_m), -1)
@@ -248,11 +248,11 @@ class NearPlaces:
 
 
 class Scores(NamedTuple):
-    """Best matches of stations; NaN where less than a third of the array is over the ground.
+    """Best matches of stations; NaN if less than a third of the array is over the ground.
 
     Attributes:
         score: correlation times the root of the overlap.
-        apart_m: from the station's label.
+        apart_m: distance from the station's label.
     """
 
     score: Float[np.ndarray, " place"]
@@ -263,9 +263,9 @@ def scores_on(source: MapFile, stations: Int[np.ndarray, " place"], kept: Bool[n
     """Match stations on the ground of others, around their labels.
 
     Args:
-        source: the map.
-        stations: in order along their baseline.
-        kept: the stations that form the ground.
+        source: map.
+        stations: stations in order along their baseline.
+        kept: mask of the stations that form the ground.
     """
     score, apart_m = np.full(len(stations), np.nan), np.full(len(stations), np.nan)
     if not kept.any() or not len(stations):
@@ -316,11 +316,11 @@ class BaselineChanges(NamedTuple):
     """Result of an update's comparison of the ground.
 
     Attributes:
-        verdict: by place of the new baseline.
-        marks: after the update.
-        retired: stations of the old baselines taken out of force.
-        released: stations that were held back and are in force now.
-        score: of the new baseline's places on each old one's ground alone.
+        verdict: verdict for each place of the new baseline.
+        marks: marks after the update.
+        retired: number of stations of the old baselines taken out of force.
+        released: number of stations that were held back and are in force now.
+        score: score of the new baseline's places on each old one's ground alone.
     """
 
     verdict: GroundVerdict
@@ -341,12 +341,12 @@ def find_changes(
     """Compare a map's last baseline with each of the others, and mark stations accordingly.
 
     Args:
-        source: the map with the new baseline, all of its stations in force.
-        places: of the new baseline.
-        corrected: places whose labels fixes have corrected.
-        between: those of them with fixes before and after.
-        marks: before the update; for all stations and baselines of ``source``, the new one's in force.
-        newer: which baseline (row) was recorded later than which (column).
+        source: map with the new baseline, all of its stations in force.
+        places: places of the new baseline.
+        corrected: mask of places whose labels fixes have corrected.
+        between: mask of corrected places with fixes before and after.
+        marks: marks before the update, for all stations and baselines of ``source``, the new one's in force.
+        newer: whether baseline (row) was recorded later than baseline (column).
     """
     new, drive = places.drive, source.drive
     update = marks.added_by[new]
@@ -418,13 +418,13 @@ def agreement_with(
     known: Float[np.ndarray, "known known"],
     score: Float[np.ndarray, "drive place"],
 ) -> Float[np.ndarray, "drive_and_new drive_and_new"]:
-    """Median score of the matches of every two baselines; NaN where they share less than a few metres.
+    """Median score of the matches of every two baselines; NaN if they share less than a few metres.
 
     Args:
-        source: the map, a new baseline the last one.
-        in_force: stations that are compared.
-        known: of its first baselines, measured before; it is kept.
-        score: of the new baseline's places on the ground of each of the others.
+        source: map with the new baseline as the last one.
+        in_force: mask of stations to compare.
+        known: agreement of its first baselines, measured before, which is kept.
+        score: score of the new baseline's places on the ground of each of the others.
     """
     drives = len(score)
     out = np.full((drives + 1, drives + 1), np.nan)
@@ -464,7 +464,7 @@ def repeats_of(
 
 
 def _spread(numbers: Int[np.ndarray, " place"]) -> Int[np.ndarray, " sample"]:
-    """At most ``count`` of some numbers, spread from the first to the last."""
+    """At most ``_SAMPLES`` of some numbers, spread from the first to the last."""
     if len(numbers) <= _SAMPLES:
         return numbers
     return np.asarray(numbers[np.linspace(0, len(numbers) - 1, _SAMPLES).astype(int)])

@@ -33,9 +33,10 @@ class DrivePlaces(NamedTuple):
     """Places along one baseline's own track, in equal steps, also across gaps of the baseline.
 
     Attributes:
-        pose: east_m, north_m, yaw_rad.
-        station: nearest station of the baseline along its track; -1 where none in force is within half a step.
-        fresh: in force, without an earlier baseline in force nearby: here the route continues.
+        pose: east_m, north_m, yaw_rad of each place.
+        station: nearest station of the baseline along its track; -1 if none in force is within half a step.
+        fresh: whether the place is in force, without an earlier baseline in force nearby, so that the route continues
+            there.
     """
 
     pose: Float[np.ndarray, "place 3"]
@@ -48,9 +49,9 @@ class MapRoute(NamedTuple):
     ones.
 
     Attributes:
-        at_m: metres along the route.
-        pose: east_m, north_m, yaw_rad.
-        drive, place: baseline that gives the place, and its number among that baseline's places.
+        at_m: distance along the route.
+        pose: east_m, north_m, yaw_rad of each place.
+        drive, place: baseline of the place, and its number among that baseline's places.
     """
 
     at_m: Float[np.ndarray, " route"]
@@ -146,9 +147,9 @@ def ground_at(mask: TileMask, pose: Float[np.ndarray, "3"], channels: int, pitch
     """Width of ground across a place, and the share of an array's antennas on the map.
 
     Args:
-        mask: of the tile.
+        mask: mask of the tile.
         pose: along_m, cross_m and yaw_rad of the place in the tile's frame.
-        channels, pitch_m: of the array.
+        channels, pitch_m: number and spacing of the array's channels.
     """
     left = np.array([-np.sin(pose[2]), np.cos(pose[2])])
     antennas = (np.arange(channels) - 0.5 * (channels - 1)) * pitch_m
@@ -167,8 +168,9 @@ def ground_at(mask: TileMask, pose: Float[np.ndarray, "3"], channels: int, pitch
 # Stations of a map registered on a tile like live scans: their templates and fixes.
 
 _LEAST_SCORE, _LEAST_LEAD = 3.0, 1.4
-"""Of a match between baselines of one map, in noise floors: by their labels it is the same ground, so that it needs to
-exceed its neighbourhood only. The margin is that of a scan; that of a window falls with its length.
+"""Least score and margin of a match between baselines of one map, in noise floors. By the labels it is the same ground,
+so that a match needs to exceed its neighbourhood only. The margin is that of a scan; that of a window falls with its
+length.
 """
 _LANES = 4  # a tile of usual spacing holds three or four places
 _FEW_CHANNELS = 3  # an array of at most this many channels is matched in windows
@@ -181,9 +183,9 @@ class StationFixes(NamedTuple):
     """Stations registered on a tile, one row each.
 
     Attributes:
-        prior: where they were expected, in the tile's frame.
-        fix: in the tile's frame.
-        share: of the template's traces that were used.
+        prior: expected pose, in the tile's frame.
+        fix: fix in the tile's frame.
+        share: share of the template's traces used.
     """
 
     prior: Float[np.ndarray, "template 5"]
@@ -211,15 +213,15 @@ def register_stations(
     """Register templates around stations of a database on a tile.
 
     Args:
-        source: the database that the stations come from.
-        ground: its tiles, or those of some of its baselines.
+        source: database of the stations.
+        ground: tiles of the database, or of some of its baselines.
         tile: number of the tile.
         stations: numbers of the templates' last stations.
-        pose: where each is expected on the tile's ground, in the map's frame: its label, or a better estimate.
-        options: the search.
-        over_ground: use only the traces expected over the tile's ground: traces outside a neighbouring baseline are no
-            disagreement. For poses known to a decimetre; without it all traces are used, and a template with too little
-            ground is declined.
+        pose: expected pose of each on the tile's ground, in the map's frame: its label, or a better estimate.
+        options: options of the search.
+        over_ground: whether to use only the traces expected over the tile's ground, because traces outside a
+            neighbouring baseline do not disagree. For poses known to a decimetre; without it all traces are used, and a
+            template with too little ground is rejected.
     """
     description, basis = ground.description, ground.basis
     frame, mask = ground.frame(tile), mask_of(ground.tile(tile))
@@ -314,16 +316,16 @@ def turned_by(
 
 
 class Matches(NamedTuple):
-    """Templates matched, one row each; NaN where it was not tried.
+    """Matches of templates, one row each; NaN for templates not tried.
 
     Attributes:
-        along_m, cross_m: the matched place minus the label, in the station's heading.
+        along_m, cross_m: matched place minus label, along and across the station's heading.
         sigma_m: larger of the match's sigmas along and across.
-        correlation: at the match.
+        correlation: correlation at the match.
         score: correlation times the root of the overlap.
         rival: score of the best place at least 0.6 of a wavelength away, within the search region.
-        share: of the template's traces over the ground it is matched with.
-        code: of registration; ``off_map`` where it was not tried.
+        share: share of the template's traces over the matched ground.
+        code: code of registration; ``off_map`` for templates not tried.
     """
 
     along_m: Float[np.ndarray, " template"]
@@ -345,15 +347,15 @@ def match_stations(
 ) -> Matches:
     """Match templates around stations of a database against a tile.
 
-    Only traces that are over the tile's ground by their labels are used: traces outside a neighbouring baseline are no
-    disagreement.
+    Only traces that are over the tile's ground by their labels are used, because traces outside a neighbouring baseline
+    do not disagree.
 
     Args:
-        source: the database that the stations come from.
-        ground: its tiles, or those of its other baselines.
+        source: database of the stations.
+        ground: tiles of the database, or of its other baselines.
         tile: number of the tile.
         stations: numbers of the templates' last stations.
-        options: the search.
+        options: options of the search.
     """
     pose = source.pose[stations]
     prior, fix, share = register_stations(source, ground, tile, stations, pose, options, over_ground=True)

@@ -35,11 +35,11 @@ class Route(NamedTuple):
     """A baseline or track as a route, in the local frame of its source.
 
     Attributes:
-        name: of its drive log or track; with its number if not unique.
-        track: of the array's centre, as recorded.
-        at_m: metres along it at each point.
-        up_m: of the ground at each point; 0 where the source has no heights.
-        closed: it ends where it began.
+        name: name of its drive log or track; with its number if not unique.
+        track: recorded track of the array's centre.
+        at_m: distance along the track at each point.
+        up_m: height of the ground at each point; 0 if the source has no heights.
+        closed: whether it ends at its start.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Route(NamedTuple):
 
     @property
     def length_m(self) -> float:
-        """Metres along the points."""
+        """Length along the points, m."""
         return float(self.at_m[-1])
 
 
@@ -111,8 +111,8 @@ def _route(
 
 
 def _route_of_waypoints(file: Path, track: WaypointTrack, frame: LocalFrame) -> Route:
-    # Waypoints without heights have those of the frame's anchor; with heights they are still projected level: what a
-    # slope takes from a distance is below a centimetre.
+    # Waypoints without heights have those of the frame's anchor; with heights they are still projected level, because a
+    # slope shortens distances by less than a centimetre.
     level = np.full(len(track.latitude_deg), frame.height_m)
     east, north, _ = frame.to_local(track.latitude_deg, track.longitude_deg, level)
     points = np.stack([east, north], axis=1)
@@ -174,13 +174,13 @@ def stretch_of(
     """Track of a stretch in the order of driving.
 
     Args:
-        route: of a source.
-        from_m, to_m: along it as recorded.
-        direction: as recorded, or reversed.
-        file: for errors.
+        route: route of a source.
+        from_m, to_m: start and end along the recorded route.
+        direction: direction of driving: as recorded, or reversed.
+        file: path of the file, for errors.
 
     Raises:
-        InputError: a stretch of less than two metres, or beyond the route's end.
+        InputError: the stretch is shorter than two metres, or beyond the route's end.
     """
     if not 0.0 <= from_m < to_m <= route.length_m + 0.01:
         found = f"{from_m:g} to {to_m:g} m"
@@ -198,13 +198,13 @@ def lay_route(
     """The legs of a chosen route, for the anchor of its vehicle.
 
     Args:
-        chosen: from ``read_route``, or about to be written.
-        source: its file.
-        file: the route file, for errors.
-        frame: of the result; by default that of the source.
+        chosen: route from ``read_route``, or one to be written.
+        source: source of the route.
+        file: path of the route file, for errors.
+        frame: frame of the result; by default that of the source.
 
     Raises:
-        InputError: no such route or stretch, a gap in it, or a bend that the vehicle cannot drive.
+        InputError: the route or stretch does not exist, it has a gap, or a bend that the vehicle cannot drive.
     """
     route = route_named(source, chosen.route)
     track = stretch_of(route, chosen.from_m, chosen.to_m, chosen.direction, file=file)
@@ -241,7 +241,7 @@ def require_map(chosen: RouteFile, path: str | Path) -> None:
     """Refuse a map or other source that has changed since the route was chosen from it.
 
     Raises:
-        InputError: it has, or is not there.
+        InputError: the source has changed or is missing.
     """
     if not chosen.map.is_file():
         raise InputError(path, "map", "a file", f"no file {chosen.map}")
@@ -255,8 +255,8 @@ def waypoints_of(laid: RoutePath, source: RouteSource) -> Waypoints:
     """The rows of a laid route as waypoints, every quarter of a metre; heights are those of the nearest point.
 
     Args:
-        laid: from ``lay_route``.
-        source: its file.
+        laid: path from ``lay_route``.
+        source: source of the route.
     """
     frame, index = source.frame, SpatialIndex(np.concatenate([each.track.points_m for each in source.routes]), 8.0)
     up_m = np.concatenate([each.up_m for each in source.routes])
@@ -299,7 +299,7 @@ def joined_waypoints(parts: Sequence[tuple[str | Path, Waypoints]]) -> Waypoints
             if away_m > _JOIN_M or turned > _JOIN_DEG:
                 expected = f"within {_JOIN_M:g} m and {_JOIN_DEG:g}° of the end of {before}"
                 raise InputError(file, "start", expected, f"{away_m:.1f} m and {turned:.0f}°")
-            # In one gear the drive goes on: the joint is no end of a leg.
+            # In one gear the drive continues: the joint is not the end of a leg.
             legs += int(points.gear[0] != last.gear[-1])
         columns.append(points._replace(leg=points.leg + legs))
         legs += int(points.leg[-1])

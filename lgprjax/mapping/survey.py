@@ -34,9 +34,9 @@ class Signal(NamedTuple):
 
     Attributes:
         power: mean square of the gained traces around the place.
-        repeats: their correlation with those an eighth of a wavelength farther, which is the share of ground.
-        likeness: score of the best rival of the place's own scan within the search region, over its own.
-        ambiguous: that scan, registered on the map, is declined for its rival.
+        repeats: correlation of the traces with those an eighth of a wavelength farther, which is the share of ground.
+        likeness: score of the best rival of the place's own scan within the search region, divided by its own score.
+        ambiguous: whether that scan, registered on the map, is rejected because of its rival.
     """
 
     power: Float[np.ndarray, " route"]
@@ -51,7 +51,7 @@ class Agreement(NamedTuple):
     Attributes:
         drive: number of the baseline.
         route: nearest place of the route.
-        match: of its station.
+        match: match of its station.
     """
 
     drive: Int[np.ndarray, " row"]
@@ -60,11 +60,11 @@ class Agreement(NamedTuple):
 
 
 class MapSurvey(NamedTuple):
-    """Everything that was measured along a map.
+    """All measurements along a map.
 
     Attributes:
-        route, ground, signal: place by place.
-        agreement: of the baselines.
+        route, ground, signal: route, ground and signal at each place.
+        agreement: agreement of the baselines.
         beside: correlation of each channel with its right neighbour, over a whole baseline.
     """
 
@@ -78,7 +78,7 @@ class MapSurvey(NamedTuple):
 def survey_map(source: MapFile, progress: Callable[[int], None] = lambda _: None) -> MapSurvey:
     """Survey every baseline of a map.
 
-    Tiles are gridded when needed and few are cached; a few hundred bytes a place are kept.
+    Tiles are gridded when needed and few are cached; a few hundred bytes per place are kept.
 
     Args:
         source: the database.
@@ -200,9 +200,9 @@ class GroundPasses(NamedTuple):
 
     Attributes:
         at_m, across_m: middles of the cells, along the route and to its left.
-        passes: baselines that touch every part of a cell with valid channels.
-        newest_day: when the newest of them was recorded, days since 1970-01-01 UTC; NaN where no date is known.
-        hole: cells well within the array of a drive along the route, without any pass.
+        passes: number of baselines that touch every part of a cell with valid channels.
+        newest_day: recording day of the newest of them, days since 1970-01-01 UTC; NaN without a known date.
+        hole: mask of cells well within the array of a drive along the route, without any pass.
     """
 
     at_m: Float[np.ndarray, " place"]
@@ -215,11 +215,11 @@ class GroundPasses(NamedTuple):
 def ground_passes(source: MapFile, route: MapRoute) -> GroundPasses:
     """Mark the cells that the antennas of every baseline touch.
 
-    Memory: a few hundred bytes a metre of route. Stations out of use and dead channels touch nothing.
+    Memory: a few hundred bytes per metre of route. Stations out of use and dead channels do not count.
 
     Args:
-        source: the map.
-        route: of it, in steps of ``STEP_M``.
+        source: map.
+        route: route of the map, in steps of ``STEP_M``.
 
     Raises:
         InputError: a part of the map is damaged.

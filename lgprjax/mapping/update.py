@@ -1,4 +1,4 @@
-"""Updating a map by new drives: they are located, added and weighted, and changed ground is retired.
+"""Update of a map by new drives: they are located, added and weighted, and changed ground is retired.
 
 A drive is registered on the map, its labels are corrected by its fixes, and it becomes one more baseline. Nothing of
 the map is deleted: stations of ground that has changed stay in the file, marked with the number of the update that
@@ -87,15 +87,17 @@ _SURE_M, _LOST_M = 0.15, 0.26  # sigma up to which labels are corrected in full,
 
 
 class LabelCorrection(NamedTuple):
-    """Correction of a drive's labels, one row a scan.
+    """Correction of a drive's labels, one row per scan.
 
     Attributes:
-        offset: east_m, north_m, yaw_rad.
-        sigma_m: of the corrected position relative to the map's ground, in east and in north each; infinite where it is
-            not corrected.
-        corrected: by fixes, up to 25 m beyond the last of them and across gaps of 100 m: there sigma reaches 0.15 m.
-        between: corrected, and with located places before and after: ground that does not match here has changed.
-        located_m: metres of travel on which fixes agree with their neighbours.
+        offset: correction of east_m, north_m, yaw_rad.
+        sigma_m: standard deviation of the corrected position relative to the map's ground, in east and in north each;
+            infinite if it is not corrected.
+        corrected: mask of scans corrected by fixes, up to 25 m beyond the last of them and across gaps of 100 m, where
+            sigma reaches 0.15 m.
+        between: mask of corrected scans with located places before and after: ground that does not match there has
+            changed.
+        located_m: travel on which fixes agree with their neighbours.
     """
 
     offset: Float[np.ndarray, "scan 3"]
@@ -117,10 +119,11 @@ def correct_labels(
     """Smooth corrections of a drive's labels from its fixes.
 
     Args:
-        track: the labels.
-        fix: of every scan; only those with code ok are used.
+        track: track with the labels.
+        fix: fixes of every scan; only those with code ok are used.
         beside: part of the fixes' covariances due to map and odometer (see ``DriveFixes``).
-        lever_m: the array's centre, forward and left of the point that moves along its heading (the rear axle).
+        lever_m: position of the array's centre, forward and left of the point that moves along its heading (the rear
+            axle).
     """
     path_m = path_of(track)
     length_m = max(_NODE_M, _NODE_SCANS * float(path_m[-1]) / max(len(path_m) - 1, 1))
@@ -247,14 +250,14 @@ class LocatedDrive(NamedTuple):
     """A drive whose labels follow the map's ground.
 
     Attributes:
-        track: of the scans, poses corrected.
-        correction: of the labels.
-        alignment: how its traces are adjusted to the map's.
-        path_m: of the scans, along the drive.
-        tried: scans over the map's ground.
-        ok: scans whose fix is ok.
-        match_sigma_m: of the corrected labels relative to the map's ground, root mean square.
-        map_sigma_m: sigma of the map's own labels there, root mean square.
+        track: track of the scans, with corrected poses.
+        correction: correction of the labels.
+        alignment: adjustment of its traces to the map's.
+        path_m: distance of the scans along the drive.
+        tried: mask of scans over the map's ground.
+        ok: mask of scans whose fix is ok.
+        match_sigma_m: standard deviation of the corrected labels relative to the map's ground, root mean square.
+        map_sigma_m: standard deviation of the map's own labels there, root mean square.
     """
 
     track: DriveTrack
@@ -354,9 +357,10 @@ class StagedMap(NamedTuple):
     """A scratch map.
 
     Attributes:
-        path: of the file.
-        tile_frame, height_reference_m: the map's own, and those that the new baseline adds.
-        time_s: of the new baseline's stations, in its drive.
+        path: path of the file.
+        tile_frame, height_reference_m: tile frames and height references of the map, and those added by the new
+            baseline.
+        time_s: times of the new baseline's stations, in its drive.
     """
 
     path: Path
@@ -370,13 +374,13 @@ def stage_map(
 ) -> StagedMap:
     """Write a map with a drive as its last baseline.
 
-    Tiles keep their places; the drive adds some where none serves it.
+    Tiles keep their places; the drive adds some where the existing ones do not cover it.
 
     Args:
-        source: the map.
-        log, located: the drive.
-        path: of the scratch map.
-        progress: told as scans are done.
+        source: map.
+        log, located: log of the drive, and its located track.
+        path: path of the scratch map.
+        progress: function called as scans are done.
 
     Raises:
         InputError: nothing was received along the drive, the map is damaged, or the output cannot be written.
@@ -388,7 +392,7 @@ def stage_map(
         pose = np.array([[frame[0], frame[1], height_m, frame[2], 0.0]])
         references += [float(height_m)] * tiles.place(pose)
     operator = live_operators(source, log, track, located.alignment)(1.0)
-    # A line walked the other way is taken for a vehicle in reverse, whose travel falls: stations would leave it out.
+    # A line walked in the opposite direction has falling travel, like a vehicle in reverse, which stations leave out.
     passed = located.track
     if located.alignment.reversed:
         passed = passed._replace(track=track._replace(travel_m=-track.travel_m))
@@ -405,7 +409,7 @@ def stage_map(
 
 
 UPDATE_PASSES = 3
-"""How often an update reports each scan of a drive: registered, added, compared."""
+"""Number of progress reports of an update per scan of a drive: registered, added, compared."""
 
 
 def update_map(

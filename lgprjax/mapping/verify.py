@@ -16,7 +16,7 @@ from lgprjax.registration import MIN_OVERLAP, Code
 # Measurements along a map against stated limits: a verdict for each kind, and the stretches that fall short.
 
 WEAK_REPEATS = 0.3
-"""Where less of the stations' signal repeats an eighth of a wavelength farther, it is hardly ground."""
+"""Share of the stations' signal that repeats an eighth of a wavelength farther, below which it is hardly ground."""
 WIDE_OFFSET_M = 0.1
 """A baseline farther than this from its place on the ground of the others."""
 _DISAGREEMENT_PERCENT = (20.0, 40.0)  # of the places: on good ground, too, one single scan in seven is declined
@@ -29,10 +29,10 @@ class RouteInterval(NamedTuple):
     """Part of a map that a finding refers to.
 
     Attributes:
-        start_m, stop_m: metres along the route.
+        start_m, stop_m: start and end along the route.
         start, stop: latitude_deg and longitude_deg of its ends.
-        worst: value there, in the finding's unit.
-        drive, channel: baseline and channel concerned; None for all.
+        worst: worst value there, in the finding's unit.
+        drive, channel: baseline and channel concerned; ``None`` for all.
     """
 
     start_m: float
@@ -61,8 +61,8 @@ class MapJudge:
     """Judges a survey against limits.
 
     Args:
-        source: the map.
-        survey: of it.
+        source: map.
+        survey: survey of the map.
     """
 
     def __init__(self, source: MapFile, survey: MapSurvey) -> None:
@@ -83,7 +83,7 @@ class MapJudge:
         return self._counted("coverage", width < wanted_m, width, text, smallest=True)
 
     def holes(self) -> MapFinding:
-        """Places where a scan on the route would be declined for lack of ground."""
+        """Places where a scan on the route would be rejected for lack of ground."""
         least = MIN_OVERLAP
         overlap = self._survey.ground.overlap
         text = f"route with less than {least:g} of the array on the map: a scan there has code low_overlap"
@@ -104,7 +104,7 @@ class MapJudge:
         return self._counted("weak", repeats < WEAK_REPEATS, repeats, text, smallest=True)
 
     def ambiguous(self) -> MapFinding:
-        """Places that resemble others so much that a scan could not be distinguished from its rival."""
+        """Places so similar to others that a scan could not be distinguished from its rival."""
         likeness = self._survey.signal.likeness
         text = (
             f"route where the map's own scan exceeds the best other position in the search region by less "
@@ -226,13 +226,13 @@ class MapHealth(NamedTuple):
     """Health of a map.
 
     Attributes:
-        name: of the map.
-        length_m: of the route: ground covered repeatedly counts once.
+        name: name of the map.
+        length_m: length of the route; ground covered repeatedly counts once.
         baselines: number of drives.
-        seconds: that the measurement took.
-        findings: one a kind.
-        survey: all measurements, place by place.
-        places, agreement: the same as tables, for a CSV.
+        seconds: duration of the measurement.
+        findings: findings, one per kind.
+        survey: all measurements, by place.
+        places, agreement: the measurements as tables, for a CSV.
     """
 
     name: str
@@ -250,7 +250,7 @@ class MapHealth(NamedTuple):
         return worst([finding.verdict for finding in self.findings])
 
     def finding(self, kind: str) -> MapFinding:
-        """The finding of this kind. Raises ``KeyError`` where it was not measured."""
+        """The finding of this kind. Raises ``KeyError`` if it was not measured."""
         for finding in self.findings:
             if finding.kind == kind:
                 return finding
@@ -282,7 +282,7 @@ class MapHealth(NamedTuple):
 def verify_map(source: MapFile, progress: Callable[[int], None] = lambda _: None) -> MapHealth:
     """Measure a map along its route and judge it.
 
-    Memory: a few tiles, and some hundred bytes a metre of route and baseline.
+    Memory: a few tiles, and some hundred bytes per metre of route and baseline.
 
     Args:
         source: the database.

@@ -37,10 +37,10 @@ def weigh_baselines(
     """Weights of all baselines of a map.
 
     Args:
-        recorded: when; None where it is not known.
-        agreement: median score of the matches between two baselines, NaN where they do not overlap; the diagonal
-            does not count.
-        repeats: share of each baseline's signal that repeats an eighth of a wavelength farther; NaN where not known.
+        recorded: recording time; ``None`` if unknown.
+        agreement: median score of the matches between two baselines, NaN if they do not overlap; the diagonal does not
+            count.
+        repeats: share of each baseline's signal that repeats an eighth of a wavelength farther; NaN if unknown.
     """
     age, age_words = _by_age(recorded)
     ground, ground_words = _by_ground(agreement, repeats)
@@ -117,10 +117,10 @@ class UpdateStretch(NamedTuple):
     """Ground on which a new drive does not match an old baseline.
 
     Attributes:
-        start_m, stop_m: along the new drive.
+        start_m, stop_m: start and end along the new drive.
         start, stop: latitude_deg and longitude_deg of its ends.
-        baseline: the old one.
-        score: of the matches there, and usual: of the new drive's matches.
+        baseline: number of the old baseline.
+        score, usual: score of the matches there, and usual score of the new drive's matches.
         agreeing: newer baselines that agree with the drive: the old one's stations there are retired. Without any the
             ground is changed or disturbed, and the old stations stay in force.
     """
@@ -139,17 +139,20 @@ class DriveUpdate(NamedTuple):
     """Effect of one drive on a map.
 
     Attributes:
-        number: of the update, from 1 on.
-        name: of the drive.
-        baseline: number that the drive has in the map.
-        map_sha256: of the map before.
-        length_m: of the drive; over_map_m: on the map's ground; located_m: where fixes agree with their neighbours.
-        ok_share: of the scans over the map's ground, those whose fix is ok.
-        corrected_m: of the drive with corrected labels; moved_rms_m, moved_max_m: by how much.
-        match_sigma_m: of the corrected labels relative to the map's ground.
-        label_sigma_m: of the new baseline's labels, as stored in the map.
-        stations, held_back: of the drive; those not in force: until a second drive agrees, or not located.
-        retired, released: stations of older baselines taken out of force, and brought back.
+        number: number of the update, from 1 on.
+        name: name of the drive.
+        baseline: number of the drive in the map.
+        map_sha256: SHA-256 of the map before the update.
+        length_m, over_map_m, located_m: length of the drive, on the map's ground, and where fixes agree with their
+            neighbours.
+        ok_share: share of ok fixes among the scans over the map's ground.
+        corrected_m: length of the drive with corrected labels.
+        moved_rms_m, moved_max_m: RMS and largest correction.
+        match_sigma_m: standard deviation of the corrected labels relative to the map's ground.
+        label_sigma_m: standard deviation of the new baseline's labels, as stored in the map.
+        stations, held_back: number of stations of the drive, and of those not in force: until a second drive agrees, or
+            not located.
+        retired, released: number of stations of older baselines taken out of force, and brought back.
         changed: stretches that do not match.
     """
 

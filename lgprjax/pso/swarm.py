@@ -1,10 +1,10 @@
 """A bounded particle swarm with ring neighbourhoods.
 
-Knows nothing of radar: it maximises any batched objective over the box [-1, 1]^dim. Constants are the
-constriction of Clerc & Kennedy (2002) in inertia form. The topology is a ring unless a single global best is asked
-for, which lost about a fifth of hard problems to premature convergence where both were measured. Particles that cross
-a wall are reflected and their speed on that axis is turned and halved, since clipping glues small swarms to
-walls. A score that is not finite never becomes a best.
+Independent of radar: it maximises any batched objective over the box [-1, 1]^dim. Constants are the constriction of
+Clerc & Kennedy (2002) in inertia form. The topology is a ring unless a single global best is configured, which lost
+about a fifth of hard problems to premature convergence where both were measured. Particles that cross a wall are
+reflected and their speed on that axis is turned and halved, because clipping glues small swarms to walls. A score that
+is not finite never becomes a best.
 """
 
 from collections.abc import Callable
@@ -26,8 +26,8 @@ class SwarmConfig:
     """Static settings of a swarm.
 
     Attributes:
-        particles, iterations: the size; each pair is a compile of its own.
-        neighbours: to each side on the ring; None: all are neighbours, the single global best.
+        particles, iterations: number of particles and of iterations; each pair is compiled separately.
+        neighbours: number of neighbours to each side on the ring; ``None``: all are neighbours, the single global best.
         inertia, attraction: w and c1 = c2 of the constriction.
         velocity_cap: largest step, as a share of the box's width.
     """
@@ -53,8 +53,8 @@ class SwarmResult(NamedTuple):
     """The best place found.
 
     Attributes:
-        position: in the box.
-        score: there; -inf if no particle ever scored.
+        position: position in the box.
+        score: score of the position; -inf if no particle ever scored.
         history: best score after the start and after each iteration.
     """
 
@@ -89,9 +89,9 @@ def step_swarm(
     """One synchronous update. The key is consumed.
 
     Args:
-        state: before.
-        objective: to maximise.
-        free: degrees of freedom that may move; the others stay where they started.
+        state: state before the update.
+        objective: objective to maximise.
+        free: mask of free degrees of freedom; the others keep their start values.
     """
     pull = jax.random.uniform(key, (2, *state.position.shape)) * config.attraction
     leader = _ring_best(state, config.neighbours)
@@ -126,14 +126,14 @@ def run_swarm(
 ) -> SwarmResult:
     """Maximise an objective over the box [-1, 1]^dim by a particle swarm. The key is consumed.
 
-    A pure function, for jit and vmap. By comparisons alone a place is chosen, so that it has no gradient; the score has
-    that of the objective at the place found, which at a maximum is the gradient of the maximum.
+    A pure function, for jit and vmap. The position is chosen by comparisons alone, so it has no gradient; the score has
+    the objective's gradient at the position found, which at a maximum is the gradient of the maximum.
 
     Args:
-        key: of the random numbers.
+        key: random key.
         start: first positions, in the box.
-        objective: scores of positions [particle, dim], higher is better; -inf or NaN where there is nothing.
-        free: degrees of freedom that may move; the others stay where they started.
+        objective: function of positions [particle, dim] to scores, higher is better; -inf or NaN for no score.
+        free: mask of free degrees of freedom; the others keep their start values.
         config: sizes and constants.
 
     Returns:
@@ -172,7 +172,7 @@ def _run(
     *,
     config: SwarmConfig,
 ) -> tuple[SwarmState, Kept]:
-    """Where the swarm ends, and what ``keep`` takes of it at the start and after each iteration, stacked."""
+    """Final state of the swarm, and the stacked results of ``keep`` at the start and after each iteration."""
     keys = jax.random.split(key, config.iterations + 1)
     state = init_swarm(keys[0], start, objective)
 

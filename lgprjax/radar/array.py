@@ -75,11 +75,11 @@ def estimate_channel_response(
 
     Args:
         reference: the calibrated sweep of each channel.
-        frequencies_hz: in equal steps.
+        frequencies_hz: frequencies in equal steps.
         dead: channels to leave out (``find_dead_channels``); they get gain 1 and delay 0.
 
     Raises:
-        ValueError: no channel is left.
+        ValueError: all channels are dead.
     """
     alive = np.ones(len(reference), bool) if dead is None else ~dead
     if not alive.any():
@@ -124,9 +124,9 @@ def find_dead_channels(
     the phases of noise are random.
 
     Args:
-        sweeps: as recorded, the look-up *not* subtracted: with it subtracted a dead channel would show the missing
+        sweeps: recorded sweeps, the look-up *not* subtracted: with it subtracted a dead channel would show the missing
             coupling. Scans times frequencies should be a hundred or more, or noise may agree by chance.
-        calibration: the calibration sweep of each scan; scans where it is zero or not finite do not count.
+        calibration: calibration sweep of each scan; scans where it is zero or not finite do not count.
     """
     known = np.isfinite(calibration).all(axis=1) & (calibration != 0).all(axis=1)
     finite = np.isfinite(sweeps).all(axis=2) & known[:, None]

@@ -30,8 +30,8 @@ class CoefficientBasis(NamedTuple):
 
     Attributes:
         gain: depth gain of each profile sample.
-        matrix: gained profile sample to coefficient, end taper included.
-        angular_frequency_rad_per_ns: of each complex coefficient.
+        matrix: matrix from gained profile samples to coefficients, end taper included.
+        angular_frequency_rad_per_ns: angular frequency of each complex coefficient.
     """
 
     gain: Float[Array, " sample"]
@@ -46,8 +46,8 @@ def coefficient_basis(
 
     Args:
         gain: depth gain of each profile sample.
-        sample_interval_ns: of the profile.
-        settings: with the band.
+        sample_interval_ns: sample interval of the profile.
+        settings: settings with the band.
     """
     samples = len(gain)
     frequencies_hz = np.fft.rfftfreq(samples, sample_interval_ns * 1e-9)
@@ -86,7 +86,7 @@ def coherence_gain(
     Args:
         power: mean of y² over the map at each sample.
         lagged: mean of y(s) y(s + lag) over the map.
-        distant: the same a wavelength apart.
+        distant: mean of y(s) y(s + lag) with a lag of a wavelength.
     """
     width = min(5, len(power))
     kernel = np.full(width, 1.0 / width)
@@ -163,11 +163,11 @@ def time_scale_matrix(
     """Matrix that undoes the stretching of profile samples; multiplies an operator from the right.
 
     Args:
-        samples: of the stretched profile.
-        kept: of the map's profile.
-        sample_interval_ns: of both.
+        samples: number of samples of the stretched profile.
+        kept: number of samples of the map's profile.
+        sample_interval_ns: sample interval of both.
         scale: travel time in the ground relative to the map's day.
-        about_ns: travel time of the surface, which stays.
+        about_ns: travel time of the surface, which is unchanged.
 
     Raises:
         ValueError: the scale is not above zero.
@@ -196,10 +196,10 @@ def stretched_operator(
 
     Args:
         recorded: function from a number of profile samples to the recording's own matrix.
-        kept: samples of the map's profiles.
-        sample_interval_ns: of both.
-        scale: see ``time_scale_matrix``; 1 leaves the matrix as it is.
-        height_m: of the array above the surface, whose return does not move.
+        kept: number of samples of the map's profiles.
+        sample_interval_ns: sample interval of both.
+        scale: see ``time_scale_matrix``; 1: the matrix is unchanged.
+        height_m: height of the array above the surface, whose return does not move.
     """
     if scale == 1.0:
         return recorded(kept)
@@ -222,10 +222,10 @@ def trace_operators(
     """Cached function from a time scale to the matrix of live traces for a map.
 
     Args:
-        samples, sample_interval_ns, time_zero_ns: of the traces.
-        settings: of the map's chain.
-        kept: samples of its profiles.
-        height_m: of the array above the surface.
+        samples, sample_interval_ns, time_zero_ns: number of samples, sample interval and time zero of the traces.
+        settings: settings of the map's chain.
+        kept: number of samples of its profiles.
+        height_m: height of the array above the surface.
     """
 
     def recorded(number: int) -> Float[Array, "recorded sample"]:
@@ -263,7 +263,7 @@ def init_live_filter(channels: int, samples: int) -> LiveFilterState:
 
 
 _LEAP = 4.0
-"""Lengths of the filter that one step moves, at least, where the mean begins anew."""
+"""Least step, in lengths of the filter, at which the mean restarts."""
 
 
 @jax.jit
@@ -276,9 +276,9 @@ def run_live_filter(
 ) -> tuple[LiveFilterState, Float[Array, "scan channel sample"]]:
     """Subtract a causal running mean over about ``length_m`` metres of travel.
 
-    The mean decays with travel, not with time: it does not change while the vehicle stands, and travel in reverse
-    counts as travel (``travel_m`` is the distance since the last scan, either sign). At the start the mean is the plain
-    average so far, so that no first scan decays in it; after a step of four lengths or more it begins anew.
+    The mean decays with travel, not with time: it does not change at standstill, and travel in reverse counts as travel
+    (``travel_m`` is the distance since the last scan, either sign). At the start the mean is the plain average so far,
+    so that the first scan has no excess weight; after a step of four lengths or more it restarts.
 
     Args:
         state: from the previous scan.
@@ -288,7 +288,7 @@ def run_live_filter(
         length_m: the filter's length.
 
     Returns:
-        the state after the last scan, and the filtered profile.
+        The state after the last scan, and the filtered profile.
     """
 
     def step(
@@ -297,7 +297,7 @@ def run_live_filter(
         traces, ok, moved_m = scan
         # A mean of length L over the past is centred L/2 back, like an exponential one of L/2.
         forget = 1.0 - jnp.exp(-jnp.abs(moved_m) / (0.5 * length_m))
-        # After a leap, as from one survey line to the next, nothing of the old mean is left.
+        # After a jump, as from one survey line to the next, the old mean is dropped.
         leapt = jnp.abs(moved_m) > _LEAP * length_m
         first = ok & ((carry.weight == 0.0) | leapt)
         weight = jnp.where(ok, carry.weight + (1.0 - carry.weight) * forget, carry.weight)

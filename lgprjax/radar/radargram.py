@@ -14,7 +14,7 @@ _MOST_GAIN = 1e3
 _ABOVE_NOISE = 3.0
 """The gain stops growing here: noise amplified to the level of the ground would hide where the ground ends."""
 _LEAST_CYCLES = 4
-"""In the whole time window: slower signals are wow, whatever their power."""
+"""Least number of cycles in the whole time window; slower signals are wow, at any power."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,13 +22,13 @@ class Radargram:
     """One channel of a line, its traces evenly spaced.
 
     Attributes:
-        name: for titles.
-        amplitude: zero for no signal, NaN where there is no trace.
-        along: place of each trace, metres along the line or, where the recording holds no places, its number.
+        name: name for titles.
+        amplitude: amplitudes, zero for no signal, NaN without a trace.
+        along: position of each trace, metres along the line or, in recordings without positions, its number.
         in_metres: whether ``along`` is in metres.
         time_ns: two-way travel time of each sample, evenly spaced; 0 is time zero, samples before it are negative.
-        centre_frequency_hz: nominal; None if unknown.
-        steps: processing steps applied to the amplitudes, in order, in words.
+        centre_frequency_hz: nominal centre frequency; ``None`` if unknown.
+        steps: descriptions of the processing steps applied to the amplitudes, in order.
     """
 
     name: str
@@ -75,7 +75,7 @@ def clear_view(radargram: Radargram) -> Radargram:
 
 
 def _running_mean(values: Float[np.ndarray, "*row sample"], half: int) -> Float[np.ndarray, "*row sample"]:
-    """Over ``2 half + 1`` samples, fewer at the ends."""
+    """Running mean over ``2 half + 1`` samples, fewer at the ends."""
     samples = values.shape[-1]
     total = np.concatenate([np.zeros_like(values[..., :1]), np.cumsum(values, axis=-1)], axis=-1)
     first = np.maximum(np.arange(samples) - half, 0)

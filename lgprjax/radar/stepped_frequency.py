@@ -18,7 +18,7 @@ from lgprjax.radar.array import ChannelResponse
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS, ChainSettings, band_response
 
 _LEAST_CALIBRATION = 1e-3
-"""A calibration sweep's entry below this share of its median (60 dB) is a fault: dividing by it says nothing."""
+"""A calibration sweep's entry below this share of its median (60 dB) is a fault: dividing by it is meaningless."""
 _EDGE = 0.25
 """Share of a sweep's band that the window's edge takes at each end."""
 _DEPTH_PERIODS = 15.0
@@ -39,18 +39,18 @@ def calibrate_sweeps(
     response: ChannelResponse,
     frequencies_hz: Float[Array, " frequency"],
 ) -> tuple[Complex[Array, "scan channel frequency"], Bool[Array, "scan channel"]]:
-    """Sweeps as recorded to sweeps of the ground alone: S/C - L/Lc, corrected for each channel's gain and delay.
+    """Calibrated sweeps of the ground alone: S/C - L/Lc, corrected for each channel's gain and delay.
 
     Args:
-        sweeps: S, as recorded.
-        calibration: C, the calibration channel's sweep of each scan.
-        lookup: L and Lc, at whatever gain the receiver had that day.
-        response: of each channel, from ``estimate_channel_response``.
-        frequencies_hz: of the sweeps.
+        sweeps: recorded sweeps S.
+        calibration: calibration channel's sweep C of each scan.
+        lookup: look-up L and Lc, at any gain of the receiver.
+        response: response of each channel, from ``estimate_channel_response``.
+        frequencies_hz: frequencies of the sweeps.
 
     Returns:
-        the calibrated sweeps, and which of them are valid. A scan whose calibration sweep is not finite or close to
-        zero anywhere is invalid, as is a channel that is not finite; invalid entries are zero.
+        The calibrated sweeps, and mask of valid ones. A scan whose calibration sweep is not finite or close to zero
+        anywhere is invalid, as is a channel that is not finite; invalid entries are zero.
     """
     level = jnp.median(jnp.abs(lookup.calibration))
     divisible = _divisible(calibration, level)
@@ -91,9 +91,9 @@ def sweep_chain(frequencies_hz: Float[np.ndarray, " frequency"], scan_spacing_m:
 
 
 def sweep_step_hz(frequencies_hz: Float[np.ndarray, " frequency"]) -> float | None:
-    """Step of a sweep's frequencies, allowing for missing steps (a notch); None if the steps are not equal.
+    """Step of a sweep's frequencies, Hz, allowing for missing steps (a notch); ``None`` if the steps are not equal.
 
-    Steps are equal when no frequency is more than a twentieth of a step off: 18 degrees at the end of the range.
+    Steps are equal if all frequencies are within a twentieth of a step: 18 degrees at the end of the range.
     """
     gaps_hz = np.diff(frequencies_hz)
     number = np.concatenate([[0.0], np.cumsum(np.round(gaps_hz / gaps_hz.min()))])
@@ -128,7 +128,7 @@ def sweep_samples(
     """Samples of the profile of sweeps: travel times from zero to ``travel_time_ns``, as far as they are unambiguous.
 
     Raises:
-        ValueError: the frequencies have no equal steps.
+        ValueError: the frequencies are not in equal steps.
     """
     return max(2, int(min(travel_time_ns, unambiguous_ns(frequencies_hz)) / settings.sample_interval_ns))
 
@@ -153,13 +153,13 @@ def sweep_operator(
     has the peak a in the profile (in units of the calibration path).
 
     Args:
-        frequencies_hz: of the sweeps, in equal steps; steps may be left out.
-        settings: the chain.
+        frequencies_hz: frequencies of the sweeps, in equal steps; steps may be left out.
+        settings: settings of the chain.
         group_delay_ns: delay of the calibration channel's path.
-        kept: samples of the profile; beyond the unambiguous range they are zero, never a repetition.
+        kept: number of samples of the profile; beyond the unambiguous range they are zero, never a repetition.
 
     Raises:
-        ValueError: the frequencies have no equal steps.
+        ValueError: the frequencies are not in equal steps.
     """
     time_ns = np.arange(kept) * settings.sample_interval_ns
     phase = 2e-9 * np.pi * np.outer(frequencies_hz, time_ns - group_delay_ns)

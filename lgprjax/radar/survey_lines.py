@@ -1,8 +1,8 @@
 """Properties estimated from the traces of survey lines: time and sign of the direct wave, and direction.
 
 Headers of lines are filled in by hand or by default: time zeros are left at zero, antennas get turned around, every
-second line is walked back. The traces tell: the direct wave arrives first, and neighbouring lines cross much the same
-ground.
+second line is walked back. The traces have the information: the direct wave arrives first, and neighbouring lines
+cross much the same ground.
 """
 
 from collections.abc import Sequence
@@ -31,9 +31,9 @@ class DirectWave(NamedTuple):
     """The direct wave of a line, in samples from the first.
 
     Attributes:
-        first_break: its beginning; NaN if the record begins later.
+        first_break: beginning of the wave; NaN if the record begins later.
         strongest: middle of its strongest lobe, of either sign.
-        sign: of its first lobe: +1 or -1; 0 where it is not seen.
+        sign: sign of its first lobe: +1 or -1; 0 if it is not detected.
     """
 
     first_break: float
@@ -45,12 +45,12 @@ class Neighbours(NamedTuple):
     """Alignment of a line with its neighbour.
 
     Attributes:
-        correlation: of the two at the best lag, signed, -1 to 1.
-        reversed: whether it ran the other way.
+        correlation: correlation of the two at the best lag, signed, -1 to 1.
+        reversed: whether the line ran in the opposite direction.
         lag_m: offset to add to its distances, in its neighbour's direction.
         certainty: margin of the best correlation over the other direction's, in standard deviations over all other
             lags.
-        sign_certainty: the same, over the other sign.
+        sign_certainty: margin over the other sign, in the same unit.
     """
 
     correlation: float
@@ -66,9 +66,9 @@ def pick_direct_wave(
     """The direct wave of a line's median trace; clipping does not shift it.
 
     Args:
-        traces: signed, with zero for no signal.
-        sample_interval_ns: between samples.
-        centre_frequency_hz: of the antennas; a twentieth of the Nyquist frequency if unknown.
+        traces: signed traces, with zero for no signal.
+        sample_interval_ns: sample interval.
+        centre_frequency_hz: centre frequency of the antennas; a twentieth of the Nyquist frequency if unknown.
     """
     median = np.median(traces, axis=0)
     frequency_hz = centre_frequency_hz or 0.05 * 0.5e9 / sample_interval_ns
@@ -108,10 +108,10 @@ def echo_image(
     """A line's echoes for comparison with a neighbour: band-passed, background removed, levels over depth equalised.
 
     Args:
-        traces: evenly ``step_m`` apart.
-        first_sample: where the direct wave breaks.
+        traces: traces, evenly ``step_m`` apart.
+        first_sample: sample of the direct wave's first break.
         sample_interval_ns, centre_frequency_hz: see ``pick_direct_wave``.
-        step_m: between traces.
+        step_m: distance between traces.
     """
     from scipy.signal import butter, sosfiltfilt  # half a second, which only imports of lines need to wait for
 
@@ -142,9 +142,9 @@ def compare_neighbours(
     """Direction, sign and start of a line relative to its neighbour.
 
     Args:
-        line, neighbour: of ``echo_image``.
-        step_m: between traces.
-        directions: to try, ``True`` for the opposite one.
+        line, neighbour: images from ``echo_image``.
+        step_m: distance between traces.
+        directions: directions to try, ``True`` for the opposite one.
     """
     rows = min(line.shape[1], neighbour.shape[1])
     line, neighbour = line[:, :rows], neighbour[:, :rows]

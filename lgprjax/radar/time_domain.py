@@ -38,7 +38,7 @@ class ChainSettings:
 
     @property
     def sample_interval_ns(self) -> float:
-        """Of the profile: fine enough for the band and its upper edge, a third of an octave above it."""
+        """Sample interval of the profile: fine enough for the band and its upper edge, a third of an octave above."""
         return 1e9 / (2.0 * 1.3 * self.band_high_hz)
 
     def as_provenance(self) -> dict[str, float]:
@@ -79,15 +79,15 @@ def profile_operator(
 ) -> Float[Array, "recorded sample"]:
     """The chain as one matrix: recorded samples to profile samples.
 
-    Whatever the recording's own interval and time zero, the profile has the chain's interval and begins at
+    For any interval and time zero of the recording, the profile has the chain's interval and begins at
     travel time zero, so that drives of different settings share one map.
 
     Args:
-        samples: recorded samples a trace.
-        sample_interval_ns: their spacing.
+        samples: number of recorded samples per trace.
+        sample_interval_ns: recorded sample interval.
         time_zero_ns: travel time zero, relative to the first sample (may be negative).
-        settings: the chain.
-        kept: samples of the profile; zero beyond the recording's end.
+        settings: settings of the chain.
+        kept: number of samples of the profile; zero beyond the recording's end.
     """
     # Twice the length as padding: neither the shift nor the filter may wrap the late end onto the surface.
     padded = 2 * samples

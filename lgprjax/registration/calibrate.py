@@ -11,19 +11,19 @@ from lgprjax.registration.judge import Thresholds
 _TAIL = 0.05  # share of the false matches that the tail is fitted to
 _LEAST_FALSE = 200
 _OVERLAP = 0.8
-"""Where a fifth of the traces is off the map, its edge already pulls a match back by decimetres."""
+"""Least overlap: with a fifth of the traces off the map, its edge already shifts a match by decimetres."""
 
 
 class Outcomes(NamedTuple):
     """Matches known to be right or wrong, one row each.
 
     Attributes:
-        score, margin, noise_floor: of the fix (see ``Fix``).
-        right: within ``WRONG_M`` of the truth.
-        error_m: of the place, east and north; NaN for matches that cannot be right.
-        spread_m: the same minus the mean error of the correct matches of its drive.
-        match_covariance: of the place, from the match alone with a ``sigma_scale`` of 1.
-        other_covariance: of the place: from the map's own positions, the odometer and the truth.
+        score, margin, noise_floor: measures of the fix (see ``Fix``).
+        right: whether the match is within ``WRONG_M`` of the truth.
+        error_m: position error, east and north; NaN for matches that cannot be right.
+        spread_m: position error minus the mean error of the correct matches of its drive.
+        match_covariance: covariance of the position from the match alone, with a ``sigma_scale`` of 1.
+        other_covariance: covariance of the position due to the map's own positions, the odometer and the truth.
     """
 
     score: Float[np.ndarray, " match"]
@@ -42,13 +42,13 @@ def outcomes_of(
     map_odometry_covariance: Float[np.ndarray, "scan 2 2"],
     truth_variance: Float[np.ndarray, " scan"] | None = None,
 ) -> Outcomes:
-    """Outcomes of a drive's fixes, without those that have no pose.
+    """Outcomes of a drive's fixes, without fixes that have no pose.
 
     Args:
-        fix: of a drive, registered with a ``sigma_scale`` of 1; poses in the map's frame.
-        truth_m: true places; None where the search was directed to ground that cannot match.
-        map_odometry_covariance: part of the fixes' covariance that is not the match's.
-        truth_variance: variance of the truth's own error, in east and in north each; None for zero.
+        fix: fixes of a drive registered with a ``sigma_scale`` of 1; poses in the map's frame.
+        truth_m: true positions; ``None`` for a search on ground that cannot match.
+        map_odometry_covariance: part of the fixes' covariance due to map and odometer.
+        truth_variance: variance of the truth's own error, in east and in north each; ``None``: zero.
     """
     pose, covariance = np.asarray(fix.pose)[:, :2], np.asarray(fix.covariance)[:, :2, :2]
     error_m = np.full_like(pose, np.nan) if truth_m is None else pose - truth_m
@@ -82,17 +82,17 @@ def calibrate(matches: Outcomes, false: Outcomes, risk: float) -> Thresholds:
     """Thresholds that a match on foreign ground passes with probability ``risk``.
 
     Both the score and its margin over the runner-up are measured in units of the noise floor over the search region,
-    which brings clear days, rain and false ground to one scale. The tails of the false matches are exponential; both
-    limits are read off the fits. A place that resembles another has a small margin: the margin must also exceed that of
-    every wrong match on the true ground. The sigma scale makes the errors consistent with their covariances.
+    which makes clear days, rain and false ground comparable. The tails of the false matches are exponential; both
+    limits follow from the fits. A place that resembles another has a small margin, so the margin must also exceed that
+    of every wrong match on the true ground. The sigma scale makes the errors consistent with their covariances.
 
     Args:
-        matches: on the ground of the map.
-        false: on ground known not to match.
-        risk: of each match.
+        matches: outcomes on the ground of the map.
+        false: outcomes on ground known not to match.
+        risk: accepted probability of a false match, per match.
 
     Raises:
-        ValueError: too few false matches to fit their tail, or no correct match at all.
+        ValueError: there are too few false matches to fit their tail, or no correct match.
     """
     if len(false.score) < _LEAST_FALSE:
         raise ValueError(f"{len(false.score)} false matches; at least {_LEAST_FALSE} are needed")

@@ -1,4 +1,4 @@
-"""From the chosen window at each stop to a fix in the map's frame."""
+"""Refinement of the chosen window at each stop to a fix in the map's frame."""
 
 from typing import NamedTuple
 
@@ -32,16 +32,16 @@ from lgprjax.registration.template_bank import PreparedGround, TileBatch, fixes_
 def map_odometry_covariance(
     prepared: PreparedGround, tiles: Int[np.ndarray, " end"], fix: Fix, odometer_sigma: float
 ) -> Float[np.ndarray, "end 2 2"]:
-    """Part of the east and north covariances due to map and odometer; NaN where there is no fix.
+    """Part of the east and north covariances due to map and odometer; NaN without a fix.
 
     The centre of a window is half its length behind the scan of its fix; an odometer scale error displaces it by that
     share of the distance, along the heading.
 
     Args:
-        prepared: the map and the array.
-        tiles: that each fix was made on; -1 for none.
-        fix: their poses in the map's frame.
-        odometer_sigma: of the odometer's scale, as a share.
+        prepared: map and array.
+        tiles: tile of each fix; -1 for none.
+        fix: fixes with poses in the map's frame.
+        odometer_sigma: relative standard deviation of the odometer's scale.
     """
     yaw, window_m = np.asarray(fix.pose)[:, 3], np.asarray(fix.window_m)
     heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
@@ -60,9 +60,9 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
     the share of the channels over baseline d, the variance is the sum of (w_d sigma_d)².
 
     Args:
-        prepared: the map and the array.
-        tile: of the fixes.
-        pose: theirs, in the map's frame.
+        prepared: map and array.
+        tile: tile of the fixes.
+        pose: poses of the fixes in the map's frame.
     """
     ground = prepared.ground
     across_m = ground.baselines_across(tile)
@@ -75,12 +75,12 @@ def label_variance(prepared: PreparedGround, tile: int, pose: Float[np.ndarray, 
     covered = (place >= across_m[None, :, :1]) & (place <= across_m[None, :, 1:])
     share = np.mean(covered / np.maximum(covered.sum(axis=1, keepdims=True), 1), axis=2)
     sigma_m = np.asarray(ground.description.label_sigma_m)
-    # Channels beside all baselines (a crossing road, a curve) are over some baseline, no better than the rest.
+    # Channels off all baselines (a crossing road, a curve) count as over the least certain baseline.
     missing = 1.0 - share.sum(axis=1)
     return np.asarray(np.sum((share * sigma_m) ** 2, axis=1) + missing**2 * np.max(sigma_m**2))
 
 
-_RIM = 0.25  # of the wavelength: sigma across at the map's edge
+_RIM = 0.25  # share of the wavelength: sigma across at the map's edge
 _SETTLING = 0.3  # of the wavelength: sigma along at a drive's start, falling to none where its background is known
 _RIM_OF_ATTITUDE = 0.98  # of the half width of a region of attitudes
 _FAR = 3.0  # of a climb's largest step: two reach the rim of a region as wide
@@ -91,13 +91,13 @@ class ChosenWindows(NamedTuple):
     """The window chosen at each stop.
 
     Attributes:
-        window: number in the ladder.
+        window: number of the window in the ladder.
         peak: fields of ``Peaks`` of that window.
         p_false: see ``chance``.
-        code: a ``Code``.
+        code: ``Code`` of the stop.
         first: first stop of the window.
-        error_m: east and north of the place, less dead reckoning.
-        offset: from there, at the prior's height, heading and roll, to the pose that the climb begins at.
+        error_m: east and north of the place, minus dead reckoning.
+        offset: offset from there, at the prior's height, heading and roll, to the start pose of the climb.
     """
 
     window: Int[np.ndarray, " stop"]
@@ -114,13 +114,13 @@ class StopFixes:
 
     Args:
         prepared: ground of the map for the drive's array.
-        lattice: of the drive.
-        plan, options: of the search.
+        lattice: error lattice of the drive.
+        plan, options: sizes and options of the search.
         sigma_scale: factor on the match's sigmas, unless the options hold user thresholds.
-        batch: climbs run together; a compiled shape.
+        batch: number of climbs run together; a compiled shape.
 
     Attributes:
-        sigma_scale: in use.
+        sigma_scale: factor in use.
     """
 
     def __init__(
@@ -144,20 +144,20 @@ class StopFixes:
         """Refine every candidate.
 
         Args:
-            stops: history first.
-            before: stops of the history.
-            judged: of those that follow.
-            attitude: what is known of the priors'; takes what the accepted matches tell of it.
+            stops: stops, history first.
+            before: number of stops of the history.
+            judged: chosen windows of the stops that follow.
+            attitude: estimate of the priors' attitude errors, which is updated with the accepted matches.
 
         Returns:
-            fixes in the map's frame, and the part of each covariance due to map and odometer.
+            Fixes in the map's frame, and the part of each covariance due to map and odometer.
         """
         count = len(judged.code)
         fixes = blank_fixes(count)
         fixes.code[:] = judged.code
         at = before + np.arange(count)
         place = stops.reckoned_m[at] + judged.error_m
-        # A climb that begins at the very edge of the map falls off it: start half a step inwards.
+        # A climb that begins at the very edge of the map leaves it: start half a step inwards.
         yaw, ends = stops.pose[at, 3], np.asarray(judged.peak.open_sides)
         inwards_m = 0.5 * self._plan.lattice_m[1] * ((ends == 2).astype(float) - (ends == 1))
         place = place + inwards_m[:, None] * np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
@@ -197,7 +197,7 @@ class StopFixes:
         along_m2 = np.einsum("si,sij,sj->s", facing, np.asarray(fixes.covariance)[:, :2, :2], facing)
         fixes.code[(fixes.code == Code.OK) & (along_m2 > WRONG_M**2)] = Code.AMBIGUOUS
         beside = map_odometry_covariance(self._prepared, tiles, fixes, self._options.odometer_sigma)
-        # Where the map ends next to the best place, the match cannot say how far beyond it the true one is.
+        # If the map ends next to the best place, the match does not determine how far beyond it the true one is.
         left = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
         label_m2 = np.nan_to_num(np.einsum("si,sij,sj->s", left, beside, left))
         at_end = ((ends > 0) * (_RIM * self._wavelength_m) ** 2)[:, None, None]
@@ -210,7 +210,7 @@ class StopFixes:
         )
         fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
         fixes.covariance[:, 2:, 2:] += np.diag(attitude.unobserved**2)
-        # The map is turned by as much as its labels are wrong at the two ends of what was matched.
+        # The map is turned by the difference of its labels' errors at the two ends of the window.
         reach_m = np.hypot(fixes.window_m, np.ptp(self._prepared.array.y_m))
         fixes.covariance[:, 3, 3] += 2.0 * label_m2 / np.maximum(reach_m, 0.5 * self._wavelength_m) ** 2
         return fixes, beside
@@ -242,7 +242,7 @@ class StopFixes:
         half[:, :2] = np.maximum(half[:, :2], np.abs(from_prior) + self._wavelength_m)
         level = [(0, 0), (0, 1)]
         middle_m = 0.5 * (stops.reckoned_m[np.maximum(first, 0)] - stops.reckoned_m[last])
-        # What is declined has no position, wherever its heading leads.
+        # Rejected matches have no position, so their heading does not matter.
         swing_m = half[:, 3] * np.hypot(*middle_m.T) * (judged.code[rows] == Code.OK)
         found: Finished = jax.device_get(
             finish_best(
@@ -275,7 +275,7 @@ class StopFixes:
         fixes.margin[some] = score - fixes.runner_up[some]
         fixes.noise_floor[some] = np.asarray(judged.peak.floor)[some]
         fixes.overlap[some], fixes.overlap_channels[some] = found.overlap, found.overlap_channels
-        # The climb must end where it began: a peak of its own, not a slope that leads off the map. The heading turns a
+        # The climb must end at its start: a separate peak, not a slope that leads off the map. The heading turns a
         # window about its middle.
         middle_m = middle_m[: len(some)]
         turn = rotation(pose[:, 3] - stops.pose[at[some], 3])
@@ -295,13 +295,13 @@ class StopFixes:
         coefficients: Float[np.ndarray, "stop channel coefficient"],
         truth: Float[np.ndarray, "stop 5"],
     ) -> Float[np.ndarray, " stop"]:
-        """Correlation of scans by themselves at poses of the map's frame; NaN off the map.
+        """Correlation of single scans at poses in the map's frame; NaN off the map.
 
         Args:
-            scans: of a block.
-            at: positions of the stops among them.
-            coefficients: of the stops.
-            truth: of the stops.
+            scans: scans of a block.
+            at: indices of the stops among the scans.
+            coefficients: coefficients of the stops.
+            truth: true poses of the stops.
         """
         out = np.full(len(at), np.nan)
         known = np.flatnonzero(np.isfinite(truth[:, 0]))

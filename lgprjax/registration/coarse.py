@@ -50,9 +50,9 @@ class ScanBatch(NamedTuple):
     """Scans that share one template key.
 
     Attributes:
-        coefficients: of each trace.
-        valid: channels that hold data.
-        above_m: height of each antenna above the tile's reference by the prior.
+        coefficients: coefficients of each trace.
+        valid: mask of channels with data.
+        above_m: prior height of each antenna above the tile's reference.
         at_m: along and cross, in the tile's frame, of the array's centre at the lattice's first point.
     """
 
@@ -76,21 +76,21 @@ def scan_surfaces(
     box: tuple[int, int] | None = None,
     count: int | Int[Array, ""] | None = None,
 ) -> tuple[Float[Array, "scan plane forward left"], Float[Array, "scan plane decoy"], Float[Array, " scan"]]:
-    """Surface of each scan over the lattice of prior errors, the same at decoys, and the power of the scan.
+    """Surface of each scan over the lattice of prior errors, its values at decoys, and the power of the scan.
 
     Planes of a surface: a product for each height, the power of the ground, and the share of the channels over it.
 
     Args:
-        columns, components: template bank of the tile, and the directions that it is expressed in.
-        scans: the scans.
+        columns, components: template bank of the tile, and its basis directions.
+        scans: scans of the batch.
         axes_m: along and cross of one step of the lattice forward, and of one to the left.
         decoys_m: along and cross of places beyond the lattice, from its first point: scores there are due to chance.
-        heights_m: added to the prior's height.
-        angular_frequency_rad_per_ns: of the coefficients.
-        points: of the lattice, forward and left.
-        box: places along and across that contain the lattice at any rotation, where these are few: each scan is then
+        heights_m: offsets added to the prior's height.
+        angular_frequency_rad_per_ns: angular frequencies of the coefficients.
+        points: lattice points, forward and left.
+        box: places along and across that contain the lattice at any rotation, if these are few: each scan is then
             multiplied with its own places only. Without it all scans are multiplied with all places at once.
-        count: of the scans that are asked for, the first ones; all without.
+        count: number of scans to compute, the first ones; ``None``: all.
     """
     scan_count = len(scans.at_m)
     live = jnp.where(scans.valid[..., None], scans.coefficients, 0.0)
@@ -155,7 +155,7 @@ def scan_surfaces(
 
 
 def _taken(plane: Float[Array, " place"], at: Int[Array, "..."]) -> Float[Array, "..."]:
-    """Numbers at places that are known to lie within: checks of a gather cost a sixth of it."""
+    """Values at indices known to be in bounds: bounds checks take a sixth of the time of a gather."""
     return plane.at[at].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
@@ -181,16 +181,16 @@ class Peaks(NamedTuple):
 
     Attributes:
         point: forward and left of the best place.
-        height: number of its height.
-        score: there (correlation times the root of the overlap); ``OFF_MAP_SCORE`` where nothing was on the map.
+        height: index of its height.
+        score: score of the best place (correlation times the root of the overlap); ``OFF_MAP_SCORE`` if nothing was on
+            the map.
         rival: score of the best place apart from it.
-        floor: noise floor: root mean square of the score at decoys; 0 where too few of them are on the map.
-        region_floor: the same over the region far from the best place.
+        floor: noise floor: root mean square of the score at decoys; 0 if too few of them are on the map.
+        region_floor: noise floor over the region far from the best place.
         overlap: largest overlap within the region.
-        area: lattice points of the region that lie on the map.
-        at_rim: the best place is no peak: the score still rises at the region's edge.
-        open_sides: where the map ends close to the best place: 0 nowhere, 1 on its left, 2 on its right, 3 on both
-            sides.
+        area: number of lattice points of the region on the map.
+        at_rim: whether the score still rises at the region's edge, so that the best place is not a peak.
+        open_sides: sides on which the map ends close to the best place: 0 none, 1 left, 2 right, 3 both.
     """
 
     point: Float[Array | np.ndarray, "*batch 2"]
@@ -206,16 +206,16 @@ class Peaks(NamedTuple):
 
 
 class WindowBatch(NamedTuple):
-    """Sums of surfaces over windows of scans, see ``scan_surfaces``, one row of lengths for every end.
+    """Sums of surfaces over windows of scans, see ``scan_surfaces``, one row of window lengths per end.
 
     Attributes:
         lattice, decoys: sums over the scans of each window.
-        power: the same of the scans' loudness.
-        scans: of each window; 0 for none.
+        power: summed power of the scans.
+        scans: number of scans of each window; 0 for no window.
         centre: lattice point, forward and left, of the prior at that end.
         half_m: half side of the region.
         carried: lattice point of the last accepted place, propagated by odometry.
-        carried_m: half side of the region around it.
+        carried_m: half side of the region around ``carried``.
     """
 
     lattice: Float[Array | np.ndarray, "end window plane forward left"]
@@ -246,7 +246,7 @@ def window_peaks(
         apart_m: places closer than this are the same place.
         min_overlap: least share of a window's channels on the map.
         near: largest size of the region around the carried place, in lattice points forward and left.
-        count: of the ends that are asked for, the first ones; all without.
+        count: number of ends to compute, the first ones; ``None``: all.
     """
     size = windows.lattice.shape[3:]
     near = (min(near[0], size[0]), min(near[1], size[1]))
@@ -355,7 +355,7 @@ def _usable(
     scans: Float[Array, " window"],
     min_overlap: Float[Array, ""],
 ) -> Bool[Array, "window forward left"]:
-    """Places at which enough of a window lies on the map."""
+    """Mask of places at which enough of a window is on the map."""
     overlap, ground = planes[:, -1] / scans[:, None, None], planes[:, -2]
     return (overlap >= min_overlap) & (ground > 1e-9) & (live_power > 0.0)[:, None, None]
 
@@ -381,7 +381,7 @@ def _floor_of(
     scans: Float[Array, " window"],
     min_overlap: Float[Array, ""],
 ) -> Float[Array, " window"]:
-    """Root mean square score at the decoys; 0 where too few of them lie on the map to tell."""
+    """Root mean square score at the decoys; 0 if too few of them are on the map."""
     usable = (planes[:, -1] / scans[:, None] >= min_overlap) & (planes[:, -2] > 1e-9) & (live_power > 0.0)[:, None]
     level = jax.lax.rsqrt(jnp.where(usable, planes[:, -2], 1.0))
     level = level * jax.lax.rsqrt(jnp.where(live_power > 0.0, live_power, 1.0))[:, None]

@@ -1,6 +1,6 @@
-"""What is estimated along a drive from its own matches: the time scale, and what height, heading and roll are wrong by.
+"""Estimates along a drive from its own matches: the time scale, and the errors of height, heading and roll.
 
-Both are causal, and the same for a whole drive and for a vehicle.
+Both are causal, and the same for a whole drive and on board.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from lgprjax.registration.refine import FEW_CHANNELS, PRIOR
 # scales: a few around the present one where a place is known, all of them otherwise.
 
 SCALES = np.arange(0.925, 1.1301, 0.015)
-"""Time scales tried where no place is known."""
+"""Time scales tried while no place is known."""
 _NEAR = np.array([-0.02, 0.0, 0.02])
 NEAR_TRIED, _ALL_TRIED = 2.0, 7.0  # independent ones of these scales, as neighbours score alike
 _LEAST_GAIN = 0.5  # of the noise floor, averaged over the last probes
@@ -33,9 +33,10 @@ class TimeScaleEstimate:
     """The present time scale, and the results of the last probes.
 
     Attributes:
-        value: the scale.
-        tried, least_tried: independent scales that the match was chosen from, and how many count at least.
-        sigma: of the scale; it falls as it is followed, since height and scale are told apart by depth alone.
+        value: present scale.
+        tried, least_tried: number of independent scales from which the match was chosen, and its lower limit.
+        sigma: standard deviation of the scale; it falls as the scale is tracked, because only depth separates height
+            and scale.
         probed_m: travel at the last probe.
     """
 
@@ -54,12 +55,12 @@ class TimeScaleEstimate:
         """Update from the scores of a probe.
 
         Args:
-            score: of the best place at each of ``scales``.
-            floor: noise floor of each.
-            near: scales around the present one were tried.
+            score: score of the best place at each of ``scales``.
+            floor: noise floor at each of ``scales``.
+            near: whether scales around the present one were tried.
 
         Returns:
-            whether the scale has changed so much that stops judged with it must be judged again.
+            Whether the scale has changed so much that stops judged with it must be judged again.
         """
         before, noise, scales = self.value, float(np.median(floor)), self.scales(near=near)
         if near:
@@ -104,19 +105,19 @@ _HEADINGS = np.radians([-12.0, -8.0, -4.0, 4.0, 8.0, 12.0])
 _SUPPOSED = np.array([0.03, np.radians(3.0), np.radians(2.0)])  # sigmas of offsets found by trial
 _MOVED = np.array([0.01, np.radians(0.4), np.radians(0.4)])  # below which a correction is not worth new surfaces
 BOUNCE_M = 0.015
-"""Sigma of the height that the map's own antennas had above the ground: nobody measured it."""
+"""Standard deviation of the unmeasured height of the map's own antennas above the ground, m."""
 _DEPTH = 1.0 / 3.0  # of a profile, at which its echoes are on the mean
 
 
 def unknown_attitude(array: ArrayGeometry, profile_ns: float, scale_sigma: float) -> Float[np.ndarray, "3"]:
-    """Standard deviations of height, heading and roll that no log can claim to know better: what a match tells of them
-    is relative to a map whose baselines bounced, each by itself, and an array may lie on two of them; and delays grow
-    with the time scale as they do with the height.
+    """Least standard deviations of height, heading and roll for any log: matches measure them relative to a map whose
+    baselines bounced independently, and an array may span two of them; and delays grow with the time scale as they do
+    with the height.
 
     Args:
-        array: of the drive.
+        array: array of the drive.
         profile_ns: length of the map's profiles.
-        scale_sigma: of the time scale; 0 where it is given.
+        scale_sigma: standard deviation of the time scale; 0 if it is given.
     """
     late_ns = scale_sigma * _DEPTH * profile_ns
     height_m = np.hypot(BOUNCE_M, 0.5 * LIGHT_SPEED_M_PER_NS * late_ns)
@@ -126,20 +127,20 @@ def unknown_attitude(array: ArrayGeometry, profile_ns: float, scale_sigma: float
 class AttitudeEstimate:
     """Offsets of the true height, heading and roll from the log's, in that order.
 
-    Arrays of few channels cannot tell heading and roll: for them the log's are taken as they are.
+    Arrays of few channels do not observe heading and roll; for them the log's values are used.
 
     Args:
-        options: half widths that the log's values are taken to be good for.
-        channels: of the array.
-        wavelength_m: matches within one share their errors.
+        options: options with the assumed half widths of the log's errors.
+        channels: number of channels of the array.
+        wavelength_m: wavelength; matches within one wavelength share their errors.
         sigma_scale: factor on the sigmas of matches.
-        unknown: see ``unknown_attitude``; of a time scale that has not been followed yet.
-        fed_back: the prior's heading comes from a filter that takes these fixes. It is not corrected here as well: two
-            corrections, one late, would chase each other.
+        unknown: see ``unknown_attitude``; for a time scale that has not been tracked yet.
+        fed_back: whether the prior's heading comes from a filter that uses these fixes. It is not corrected here as
+            well, because two corrections, one delayed, would oscillate.
 
     Attributes:
-        applied: offsets that the priors have been corrected by.
-        unknown: as given; changes with what is known of the time scale.
+        applied: corrections applied to the priors.
+        unknown: see ``unknown_attitude``; it changes with the knowledge of the time scale.
     """
 
     def __init__(
@@ -164,9 +165,9 @@ class AttitudeEstimate:
 
     @property
     def unobserved(self) -> Float[np.ndarray, "3"]:
-        """``unknown`` as a fix states it.
+        """``unknown`` as stated by a fix.
 
-        Of a height that the log had wrong, height and time scale were found together: one may stand for the other.
+        If the log's height was wrong, height and time scale were found together and may be confused with each other.
         """
         return np.where([self.applied[0] != 0.0, False, False], self._unfollowed, self.unknown)
 
@@ -191,12 +192,12 @@ class AttitudeEstimate:
         """Take accepted matches, in order.
 
         Args:
-            offset: of each from its corrected prior.
-            covariance: of it, prior included, not scaled.
-            half_width: of its search.
-            path_m: travel at each.
-            window_m: ground that each was matched with.
-            sigma_yaw_rad: claimed.
+            offset: offset of each match from its corrected prior.
+            covariance: covariance of the offset, prior included, not scaled.
+            half_width: half widths of its search.
+            path_m: travel at each match.
+            window_m: length of the matched window.
+            sigma_yaw_rad: stated standard deviation of the prior's heading.
         """
         if self._few or not len(offset):
             return
@@ -205,7 +206,7 @@ class AttitudeEstimate:
             level, turn = np.linalg.eigh(whole - np.diag(np.asarray(PRIOR[2:5]) / half_width[each] ** 2))
             own = (turn * np.maximum(level, 0.0)) @ turn.T
             moved_m = 0.0 if self._travelled_m is None else max(path_m[each] - self._travelled_m, 0.0)
-            # Matches of the same ground say the same again.
+            # Matches of the same ground add no information.
             fresh = 1.0
             if self._travelled_m is not None:
                 fresh = min(1.0, moved_m / max(float(window_m[each]), self._wavelength_m))
@@ -233,7 +234,7 @@ class AttitudeEstimate:
 
     @property
     def may_be_far(self) -> bool:
-        """Whether the array can tell attitudes that are far from the prior's."""
+        """Whether the array can observe attitudes far from the prior's."""
         return not self._few
 
     @property
@@ -251,15 +252,15 @@ class AttitudeEstimate:
         return covariance @ self._towards, np.sqrt(np.diag(covariance))
 
 
-# Attitudes far from the prior's, tried where nothing matches.
+# Attitudes far from the prior's, tried without a match.
 
-_FAR_GAIN = 1.5  # noise floors by which another attitude must match better
-# Of the best attitude's score: one that leads elsewhere contests it. Attitudes are tried in steps; the true one may lie
-# between two of them, and its place score less than a wrong one.
+_FAR_GAIN = 1.5  # least improvement of the match by another attitude, noise floors
+# Share of the best attitude's score from which an attitude with another place contests it. Attitudes are tried in
+# steps; the true one may be between two of them, so that its place scores less than a wrong one.
 _FAR_RIVAL = 0.75
 
 FAR_TRIED = 15.0
-"""Independent ones of the headings and heights that are tried."""
+"""Number of independent headings and heights among those tried."""
 
 
 class Look(NamedTuple):
@@ -272,7 +273,7 @@ class Look(NamedTuple):
 
     @property
     def z(self) -> float:
-        """In noise floors."""
+        """Score in noise floors."""
         return self.score / self.floor
 
 

@@ -56,11 +56,11 @@ class EvidenceSearch:
 
     Args:
         prepared: ground of the map for the drive's array.
-        chain: of the drive.
-        options: of the search.
-        chance: of the map.
-        block_scans: most scans that ``feed`` is given at once. With ``options.track`` fixes do not depend on how scans
-            are divided into blocks.
+        chain: conversion of the drive's scans.
+        options: options of the search.
+        chance: chance of a false match on the map.
+        block_scans: largest number of scans per call of ``feed``. With ``options.track`` fixes do not depend on the
+            division of scans into blocks.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class EvidenceSearch:
         self._options = options
         self.plan = SearchSizes.of(prepared, options)
         self._wavelength_m = self._ground.description.settings.wavelength_m
-        # A vehicle decides at each stop by what it has: whether another follows in its block is a matter of time.
+        # On board each stop is decided with the scans so far, whether or not another follows in its block.
         batch, self._ends = min(_BATCH, block_scans), 1 if options.track else min(_ENDS, block_scans)
         self._lattice = ErrorLattice(prepared, self.plan, options, batch)
         self._fixes = StopFixes(prepared, self._lattice, self.plan, options, chance.sigma_scale, batch)
@@ -89,7 +89,7 @@ class EvidenceSearch:
             self._unknown_attitude(),
             fed_back=options.track,
         )
-        # Dead reckoning as the drive has it, turned by what heading was found to be wrong by.
+        # The drive's dead reckoning, turned by the estimated heading error.
         self._turn, self._shift_m = np.eye(2), np.zeros(2)
         self._stops: Stops | None = None
         self._surfaces: RunningSums | None = None
@@ -231,7 +231,7 @@ class EvidenceSearch:
     def _astray(self, stops: Stops) -> Float[np.ndarray, "stop 2"]:
         """Prior minus dead reckoning at each stop: the median over the last metres, to suppress the noise of GNSS."""
         apart = stops.pose[:, :2] - stops.reckoned_m
-        # Of one leg: where travel is not known, dead reckoning goes on from anywhere.
+        # Of one leg only, because without known travel dead reckoning restarts anywhere.
         begin = np.searchsorted(stops.path_m, stops.path_m - _SMOOTH_M)
         begin = np.maximum(begin, np.searchsorted(stops.leg, stops.leg))
         return np.stack([np.median(apart[low : at + 1], axis=0) for at, low in enumerate(begin)])
@@ -243,7 +243,7 @@ class EvidenceSearch:
         return stops._replace(pose=pose, reckoned_m=stops.reckoned_m @ self._turn.T + self._shift_m)
 
     def _correct(self, stops: Stops, at: int) -> None:
-        """Correct all stops by what is known of their attitude now; dead reckoning is turned about one of them."""
+        """Correct all stops by the present attitude estimate; dead reckoning is turned about stop ``at``."""
         wanted = self._attitude.correction()
         if wanted is None:
             return
@@ -258,8 +258,9 @@ class EvidenceSearch:
     def _judge_all(
         self, stops: Stops, before: int
     ) -> tuple[Fix, Float[np.ndarray, "stop 2 2"], Float[np.ndarray, " stop"]]:
-        """Fixes of every stop from ``before`` on, a few metres at a time: each stretch begins with what the one before
-        it told of time scale and attitude. With the part of each covariance due to map and odometer, and the scale.
+        """Fixes of every stop from ``before`` on, a few metres at a time, with the part of each covariance due to map
+        and odometer, and the time scale. Each stretch begins with the time scale and attitude estimated on the previous
+        one.
         """
         astray = self._astray(stops)
         count = len(stops.number)
@@ -267,7 +268,7 @@ class EvidenceSearch:
         low = before
         while low < count:
             if low and stops.leg[low] != stops.leg[low - 1]:
-                # Where travel is not known, the place is not either.
+                # Without known travel the place is unknown too.
                 self._windows.place = KnownPlace(seen_m=float(stops.path_m[low]))
                 self._hold(None)
             self._follow(stops, astray, low)
@@ -338,7 +339,7 @@ class EvidenceSearch:
 
     @property
     def _may_hold(self) -> bool:
-        """Whether a place should be tracked anew: none is yet, or it has left the centre of its lattice."""
+        """Whether to start tracking a place: none is tracked yet, or it has left the centre of its lattice."""
         # User thresholds were calibrated on the whole region and require a margin over all of it.
         by_region = self._lattice.wide or self.plan.history == 0 or self._options.own_thresholds is not None
         if self._place.error_m is None or by_region:
@@ -414,10 +415,10 @@ class EvidenceSearch:
         return here_m - self._place.seen_m > LOST_M and here_m - self._tried_m > 1.9 * CHUNK_M
 
     def _probe(self, stops: Stops, high: int, lost: bool, here_m: float) -> bool:
-        """Try other time scales on the last metres: a few around the present one, or all where no place is known.
+        """Try other time scales on the last metres: a few around the present one, or all if no place is known.
 
         Returns:
-            whether the stops must be judged again.
+            Whether the stops must be judged again.
         """
         scale = self._scale
         if here_m - scale.probed_m < (CHUNK_M / 2 if lost else CHUNK_M) - self.plan.spacing_m:
@@ -430,7 +431,7 @@ class EvidenceSearch:
         near, middle = known_m is not None, self._lattice.origin_m if known_m is None else known_m
         half_m = HELD_M if near else self._lattice.half_m + SLACK_M
         at = _some(first, high)
-        # A height that is wrong delays the wave as a scale does: where nothing matches both are tried together.
+        # A wrong height delays the wave as a scale does: without a match both are tried together.
         # User thresholds were calibrated without.
         far = not near and self._attitude.may_be_far and self._options.own_thresholds is None
         heights_m = self._lattice.wide_heights_m if far else self._lattice.heights_m
@@ -461,7 +462,7 @@ class EvidenceSearch:
     ) -> bool:
         """Try heights and headings far from the prior's on the last metres; True if one was taken.
 
-        None is taken where another one about as good leads elsewhere: from then on only its own headings are searched.
+        None is taken if another one about as good leads to another place.
         """
         scale, lattice, applied = self._scale.value, self._lattice, self._attitude.applied
         present = look(stops, scale, lattice.heights_m)
@@ -543,7 +544,7 @@ class EvidenceSearch:
         return whole, near, first, centre[: len(at)]
 
     def _peaks_of(self, windows: WindowBatch, count: int, *, near: tuple[int, int]) -> tuple[Peaks, Peaks]:
-        """Of the first ``count`` ends, on the host."""
+        """Peaks of the first ``count`` ends, on the host."""
         both: tuple[Peaks, Peaks] = jax.device_get(
             window_peaks(
                 windows,

@@ -32,22 +32,22 @@ class Fix(NamedTuple):
     """Pose of the array's centre in the map, with measures of its quality.
 
     In a batch every field has a leading axis. The pose is (east_m, north_m, height_m above ground, yaw_rad,
-    roll_rad), the covariance in that order; inside jit east and north stand for along and cross of the tile.
+    roll_rad), the covariance in that order; inside jit along and cross of the tile replace east and north.
 
     Attributes:
-        pose: best pose; NaN where there is none.
-        covariance: of the pose, from the curvature of the correlation at its peak.
-        correlation: at the best pose.
-        runner_up: score (correlation times the root of the overlap) of the best rival: a peak of its own, refined like
+        pose: best pose; NaN without one.
+        covariance: covariance of the pose, from the curvature of the correlation at its peak.
+        correlation: correlation at the best pose.
+        runner_up: score (correlation times the root of the overlap) of the best rival: a separate peak, refined like
             the best.
         margin: the best pose's score minus the runner-up's.
         noise_floor: noise floor: standard deviation of the score over the rest of the region.
-        overlap_channels: channels of the last scan that lie on the map.
-        overlap: share of all valid traces of the template that lie on the map.
-        code: a ``Code``.
-        p_false: probability that foreign ground would have passed the whole search as well; 1 where nothing was tried,
-            NaN for a single scan that thresholds alone have judged.
-        window_m: length of the window that was matched; 0 for the scan alone.
+        overlap_channels: number of channels of the last scan on the map.
+        overlap: share of all valid traces of the template on the map.
+        code: ``Code`` of the fix.
+        p_false: probability that foreign ground would have passed the whole search as well; 1 if nothing was tried,
+            NaN for a single scan judged by thresholds alone.
+        window_m: length of the matched window; 0 for the scan alone.
     """
 
     pose: Float[Array | np.ndarray, "*batch 5"]

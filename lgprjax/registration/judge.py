@@ -32,10 +32,10 @@ def ladder_of(wavelength_m: float) -> tuple[float, ...]:
 _TAIL = 0.1
 """Share of the false pieces used to fit the tail."""
 _LEAST_PIECES = 60
-_LEAST_SCALE = 2.0  # that of a Gaussian field
+_LEAST_SCALE = 2.0  # scale of a Gaussian field
 LEAST_INDEPENDENT = 10.0
-"""Pieces of a map that share no ground, from which on its own tail is used."""
-_LEAST_SHARE = 0.02  # of the area: no region is smaller than the peak itself
+"""Least number of independent pieces of a map for the use of its own tail."""
+_LEAST_SHARE = 0.02  # least share of the area: a region is at least as large as the peak
 _SURE = 1.3
 """Safety margin of the fitted tail, in standard errors."""
 
@@ -43,7 +43,7 @@ _SURE = 1.3
 POOLED_SIGMA = 1.25
 """Root of the normalised squared error that the search's matches on many grounds had, about 1.6."""
 _POOLED_WEIGHT = 20.0
-"""Pieces that what many grounds have counts for, beside a map's own."""
+"""Weight of the value pooled over many grounds, in pieces, relative to a map's own pieces."""
 _MOST_SIGMA = 3.0
 
 
@@ -55,15 +55,15 @@ class Chance(NamedTuple):
     strong reflectors a longer one.
 
     Attributes:
-        start: of the tail, in z².
-        share: of the pieces beyond it.
-        scale: of the tail, in z².
-        area_m2: mean area of the region that lay on the map in those searches; more places have more chances.
-        pieces: independent pieces that it was fitted to.
-        own: fitted to this map; else pooled over many grounds.
-        sigma_scale: what a match's sigmas are multiplied by to be those of its errors on this map.
-        left_out: pieces of left-out baselines that the scale was fitted to; 0 where it is pooled.
-        label_scatter_m: error of a baseline's labels, an axis, found by leaving baselines out; 0 with fewer than three.
+        start: start of the tail, in z².
+        share: share of the pieces beyond the start.
+        scale: scale of the tail, in z².
+        area_m2: mean area of the region on the map in the fitted searches; more places have more chances.
+        pieces: number of independent pieces of the fit.
+        own: whether it was fitted to this map; else it is pooled over many grounds.
+        sigma_scale: factor from a match's sigmas to those of its errors on this map.
+        left_out: number of pieces of left-out baselines to which the factor was fitted; 0 if it is pooled.
+        label_scatter_m: error of a baseline's labels per axis, from left-out baselines; 0 with fewer than three.
     """
 
     start: Float[np.ndarray, " window"]
@@ -77,7 +77,7 @@ class Chance(NamedTuple):
     label_scatter_m: float = 0.0
 
     def for_windows(self, windows_m: tuple[float, ...], wavelength_m: float) -> "Chance":
-        """The chance for other lengths: each takes that of the next shorter one of the ladder, whose tail is longer."""
+        """The chance for other lengths, each from the next shorter one of the ladder, which has a longer tail."""
         at = np.searchsorted(np.asarray(ladder_of(wavelength_m)), np.asarray(windows_m) + 1e-9, side="right") - 1
         start, share, scale, area_m2 = (np.asarray(field)[at] for field in self[:4])
         return self._replace(start=start, share=share, scale=scale, area_m2=area_m2)
@@ -91,7 +91,7 @@ POOLED = Chance(
     pieces=0,
     own=False,
 )
-"""Of grounds surveyed with a wavelength of 0.4 m; see ``pooled_chance``."""
+"""Chance pooled over grounds surveyed with a wavelength of 0.4 m; see ``pooled_chance``."""
 _POOLED_WAVELENGTH_M = 0.4
 
 
@@ -111,7 +111,8 @@ def fit_chance(
 ) -> Chance:
     """Chance of a map from its false pieces.
 
-    The same pieces are tried at many places: a map with few independent pieces cannot say how rare its highest scores
+    The same pieces are tried at many places: a map with few independent pieces does not show how rare its highest
+        scores
     are, and uses the pooled chance.
 
     Args:
@@ -144,21 +145,21 @@ def fit_chance(
 def fit_sigma_scale(
     squared: Float[np.ndarray, " piece"], line_spacing_m: float, left_out_spacing_m: float, wavelength_m: float
 ) -> tuple[float, int]:
-    """What the sigmas of matches are multiplied by on a map, and the pieces that say so.
+    """Factor on the sigmas of matches on a map, and the number of pieces that determine it.
 
-    The covariance of a match counts its independent numbers by what foreign ground scatters. Matches err by more where
-    the map's lines disagree, and where ground between them has to be interpolated: of lines farther apart than half a
-    wavelength only that share is known, so that only that share of the numbers is independent.
+    The covariance of a match counts its independent numbers by the scatter of scores on foreign ground. Errors are
+    larger where the map's lines disagree, and where ground between them has to be interpolated: of lines farther apart
+    than half a wavelength only that share is known, so that only that share of the numbers is independent.
 
     Args:
-        squared: of pieces of baselines left out of the map: squared error of the match's place against the piece's own
-            label, in units of the match's covariance, a degree of freedom.
-        line_spacing_m: between neighbouring lines of the map.
-        left_out_spacing_m: the same where a baseline is left out.
-        wavelength_m: in the soil.
+        squared: squared position error of each piece of a left-out baseline, match minus the piece's own label, in
+            units of the match's covariance, per degree of freedom.
+        line_spacing_m: distance of neighbouring lines of the map.
+        left_out_spacing_m: distance of neighbouring lines with a baseline left out.
+        wavelength_m: wavelength in the soil.
     """
     here, there = (max(1.0, 2.0 * each_m / wavelength_m) for each_m in (line_spacing_m, left_out_spacing_m))
-    # A wrong match among them would be all that the mean tells.
+    # Clipped, because a single wrong match would dominate the mean.
     known = np.minimum(squared, 4.0 * _MOST_SIGMA**2) * here / there
     own = (_POOLED_WEIGHT * POOLED_SIGMA**2 * here + float(np.sum(known))) / (_POOLED_WEIGHT + len(known))
     return float(np.clip(np.sqrt(own), 1.0, _MOST_SIGMA)), len(known)
@@ -174,9 +175,9 @@ def p_foreign(
 
     Args:
         z: score in units of the noise floor.
-        area_m2: of the region that lies on the map.
-        chance: of the map.
-        trials: window lengths, time scales and polarities that were tried.
+        area_m2: area of the region on the map.
+        chance: chance of a false match on the map.
+        trials: number of window lengths, time scales and polarities tried.
     """
     return np.asarray(np.exp(log_p_foreign(z, area_m2, chance, trials)))
 
@@ -229,13 +230,13 @@ _ONE_LOOK = 0.1  # of the independent matches of a piece
 
 
 class Thresholds(NamedTuple):
-    """What a match must reach to be called ``ok``, in units of the noise floor: the score that chance alone gives.
+    """Thresholds of a match for ``ok``, in units of the noise floor, which is the score due to chance alone.
 
     Attributes:
         strength_by_chance: least score.
         margin_by_chance: least lead over the runner-up.
         overlap: least share of the template's traces on the map.
-        sigma_scale: what a match's sigmas are multiplied by to be those of its errors.
+        sigma_scale: factor from a match's sigmas to those of its errors.
     """
 
     strength_by_chance: float
@@ -259,7 +260,7 @@ def thresholds_at(
 
 
 def independent_numbers(floor: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """How many independent numbers a template holds, from what ground that does not match scatters by."""
+    """Number of independent numbers in a template, from the scatter of scores on ground that does not match."""
     return jnp.clip(1.0 / jnp.maximum(floor, 1e-3) ** 2, 4.0, 4000.0)
 
 
@@ -275,12 +276,12 @@ def judge(
     """The code of a fix; the first reason that applies, from the input outward.
 
     Args:
-        score, rival: of the best place and of the best one apart from it.
+        score, rival: scores of the best place and of the best one apart from it.
         floor: standard deviation of the score over the rest of the region.
         best_overlap: largest share of the template on the map anywhere in the region.
-        on_edge: the best pose stands at the region's rim.
-        finite: enough of the template's traces hold finite data.
-        thresholds: to reach.
+        on_edge: whether the best pose is at the region's rim.
+        finite: whether enough of the template's traces hold finite data.
+        thresholds: acceptance thresholds.
     """
     reasons = (
         (~finite, Code.NON_FINITE),
@@ -296,7 +297,7 @@ def judge(
     return code
 
 
-# What a user decides about a registration.
+# User options of a registration.
 
 _UNSTATED_M = 2.5
 _LEAST_M, _MOST_M = 2.0, 6.0

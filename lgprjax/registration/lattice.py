@@ -1,6 +1,6 @@
 """A lattice of prior errors around a centre that follows the prior, and the surfaces of stops on it (host side).
 
-``coarse`` computes a surface; here stands where on the map, for which stops, and how sums over windows are kept.
+``coarse`` computes a surface; this module chooses places on the map and stops, and keeps sums over windows.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ def decoy_reach_m(wavelength_m: float) -> float:
 
 
 class Surfaces(NamedTuple):
-    """Of consecutive stops, see ``scan_surfaces``."""
+    """Surfaces of consecutive stops, see ``scan_surfaces``."""
 
     lattice: Float[np.ndarray, "*batch plane forward left"]
     decoys: Float[np.ndarray, "*batch plane decoy"]
@@ -51,7 +51,7 @@ class RunningSums:
     """
 
     def __init__(self, blank: Surfaces, first: int, room: int) -> None:
-        # Twice the room, so that old sums are moved out once in so many stops.
+        # Twice the size, so that old sums are moved out only once per that many stops.
         self._sums = Surfaces(*(np.zeros((2 * room + 1, *field.shape[1:])) for field in blank))
         self._first, self._room, self._count = first, room, 0
 
@@ -95,17 +95,17 @@ class ErrorLattice:
 
     Args:
         prepared: ground of the map for the drive's array.
-        plan, options: of the search.
-        batch: scans processed together; a compiled shape.
+        plan, options: sizes and options of the search.
+        batch: number of scans processed together; a compiled shape.
 
     Attributes:
         half_m: half side of the region searched around the prior; the lattice extends ``SLACK_M`` farther.
-        wide: a region of twice the side is searched.
+        wide: whether a region of twice the side is searched.
         place_m: error on which the lattice is centred while a place is tracked; None otherwise.
         origin_m: centre of the lattice while no place is tracked, east and north from dead reckoning: the prior.
         facing_rad: heading of the lattice, from east.
-        heights_m: added to the prior's height.
-        wide_heights_m: the same where the prior's height may be far off.
+        heights_m: offsets added to the prior's height.
+        wide_heights_m: offsets for a prior height that may be far off.
     """
 
     def __init__(self, prepared: PreparedGround, plan: SearchSizes, options: RegisterOptions, batch: int) -> None:
@@ -148,7 +148,7 @@ class ErrorLattice:
 
     @property
     def points(self) -> tuple[int, int]:
-        """Of the lattice, forward and left."""
+        """Number of lattice points, forward and left."""
         return self._plan.points(self.region_m + SLACK_M if self.place_m is None else HELD_M)
 
     def point_of(self, error_m: Float[np.ndarray, "*stop 2"]) -> Float[np.ndarray, "*stop 2"]:

@@ -1,6 +1,6 @@
 """Live scans prepared for matching: background removal, coefficients, windows.
 
-One object a drive, fed with blocks of scans in order; it holds the filter's state and as much history as a window
+One object per drive, fed with blocks of scans in order; it holds the filter's state and as much history as a window
 needs. Batch registration and the vehicle share these functions.
 """
 
@@ -38,9 +38,9 @@ class Track(NamedTuple):
         pose: prior pose of the array's centre: east_m, north_m, height_m above ground, yaw_rad (unwrapped),
             roll_rad.
         travel_m: signed distance travelled since the start of the drive, from odometry.
-        speed_mps: signed.
-        sigma_yaw_rad: of the prior.
-        sigma_m: of the prior position, each axis; NaN where the log states none.
+        speed_mps: signed speed.
+        sigma_yaw_rad: standard deviation of the prior's yaw.
+        sigma_m: standard deviation of the prior position per axis; NaN if the log states none.
         leg: rising number of the stretch over which travel is known.
     """
 
@@ -56,16 +56,16 @@ class LiveScans(NamedTuple):
     """Scans of a block ready to be searched, in order.
 
     Attributes:
-        number: in the drive.
-        filtered: traces as recorded, background removed; ``LiveChain.coefficients`` makes templates of them.
-        valid: channels that hold data.
-        track: of the scans.
-        path_m: travel, never falling; minus that of the drive where scans come in the opposite order.
-        dead_reckoned_m: of the rear axle, by odometry and heading alone.
-        settled: the drive's background is known; before, ``filtered`` is as recorded.
-        background: of each channel, in the block in which it becomes known: to be subtracted from the scans of earlier
-            blocks.
-        settled_m: travel from which on it is known.
+        number: number of each scan in the drive.
+        filtered: recorded traces with the background removed; ``LiveChain.coefficients`` converts them to templates.
+        valid: mask of channels with data.
+        track: prior poses and motion of the scans.
+        path_m: travel, never falling; the negative travel of the drive if scans come in the opposite order.
+        dead_reckoned_m: position of the rear axle by odometry and heading alone.
+        settled: whether the drive's background is known; before, ``filtered`` includes the background.
+        background: background of each channel, in the block in which it becomes known: to be subtracted from the scans
+            of earlier blocks.
+        settled_m: travel from which the background is known.
     """
 
     number: Int[np.ndarray, " scan"]
@@ -89,17 +89,17 @@ class LiveChain:
     """Converts recorded traces of one drive to coefficients, block by block.
 
     Background removal is linear along the track, the conversion of traces to profiles is linear along the trace: the
-    filter comes first, so that a scan can be requested at any time scale later.
+    filter comes first, so that a scan can be converted at any time scale later.
 
     The first scans, up to half the filter's length, share one background; see ``LiveScans.settled``.
 
     Args:
-        operators: of the drive's recording at a time scale, with the map's settings.
-        basis: of the map.
+        operators: operators of the drive's recording at a time scale, with the map's settings.
+        basis: coefficient basis of the map.
         track_filter_m: length of the background removal.
-        zero_slip_m: of the vehicle, see ``ArrayGeometry``.
-        channels: of the drive.
-        recorded: numbers of a trace.
+        zero_slip_m: zero-slip point of the vehicle, see ``ArrayGeometry``.
+        channels: number of channels of the drive.
+        recorded: recorded numbers per trace.
     """
 
     def __init__(
@@ -132,10 +132,10 @@ class LiveChain:
         """Filter a block of scans.
 
         Args:
-            traces: as recorded, zero level removed; finite where valid.
-            valid: channels that hold data.
-            track: of these scans.
-            block: scans of a full block; a shorter one is padded, so that one shape is compiled.
+            traces: recorded traces, zero level removed; finite where valid.
+            valid: mask of channels with data.
+            track: prior poses and motion of these scans.
+            block: number of scans of a full block; a shorter one is padded, so that one shape is compiled.
         """
         scans = len(traces)
         before_m = track.travel_m[0] if self._travel_m is None else self._travel_m
@@ -211,12 +211,12 @@ class Stops(NamedTuple):
     """Scans that represent their stretch of travel, in order, history first.
 
     Attributes:
-        number: of the scan in its drive.
-        filtered: traces as recorded, background removed.
-        coefficients, valid: of each trace, at the time scale of that moment.
-        pose, speed_mps, sigma_yaw_rad: of the prior.
-        reckoned_m: the array's centre from odometry and heading alone.
-        path_m: travel; minus that of the drive where scans come in the opposite order.
+        number: number of the scan in its drive.
+        filtered: recorded traces with the background removed.
+        coefficients, valid: coefficients and validity of each trace, at the time scale of that moment.
+        pose, speed_mps, sigma_yaw_rad: pose, speed and standard deviation of yaw of the prior.
+        reckoned_m: position of the array's centre by odometry and heading alone.
+        path_m: travel; the negative travel of the drive if scans come in the opposite order.
         leg: number of the stretch over which travel is known.
     """
 
@@ -237,11 +237,11 @@ class SearchSizes:
     """Sizes of a search on a map.
 
     Attributes:
-        spacing_m: of travel from stop to stop.
+        spacing_m: travel between stops.
         lattice_m: step of the lattice of prior errors, forward and left.
-        windows_m: lengths tried.
-        history: stops covered by the longest window.
-        members: scans of a window used for refinement.
+        windows_m: window lengths tried.
+        history: number of stops covered by the longest window.
+        members: number of a window's scans used for refinement.
         min_overlap: least share of a window's traces over mapped ground.
     """
 
@@ -275,9 +275,9 @@ class SearchSizes:
 def least_overlap(array: ArrayGeometry, wavelength_m: float) -> float:
     """Least share of an array's traces over mapped ground.
 
-    What lies beside the map adds nothing to a match, and takes nothing from what is on it: a score is as rare by chance
-    with half of its traces as with all. The rest must be wider than the ground's correlation length, or the map's
-    outermost line would stand for what is beside it.
+    Traces off the map neither add to a match nor take from it: a score is as rare by chance with half of its traces as
+    with all. The traces on the map must span more than the ground's correlation length, or the map's outermost line
+    would match ground next to it.
     """
     if len(array.x_m) <= FEW_CHANNELS:
         return MIN_OVERLAP
@@ -312,7 +312,7 @@ def rotation(angle_rad: float | Float[np.ndarray, "*angle"]) -> Float[np.ndarray
 
 
 def turned(stops: Stops, more: Float[np.ndarray, "3"], at: int) -> Stops:
-    """Stops with height, heading and roll changed by so much, and dead reckoning turned about one of them."""
+    """Stops with changed height, heading and roll, and dead reckoning turned about one of them."""
     pose, about_m = stops.pose.copy(), stops.reckoned_m[at]
     pose[:, 2:5] += more
     return stops._replace(pose=pose, reckoned_m=(stops.reckoned_m - about_m) @ rotation(more[1]).T + about_m)
@@ -326,14 +326,14 @@ def templates_of(
     fresh: Bool[np.ndarray, "end member"],
 ) -> Template:
     """Traces of the members relative to the last scan's centre, in its body frame: odometry and heading place the
-    scans, and within a scan each channel is where the vehicle was when the switch matrix reached it.
+    scans, and within a scan each channel is at the vehicle's position when the switch matrix reached it.
 
     Args:
-        stops: the scans.
-        array: of the drive.
-        last: scan that each template ends with.
+        stops: scans of the drive.
+        array: array of the drive.
+        last: last scan of each template.
         member: scans of each template, the last one first.
-        fresh: members to use.
+        fresh: mask of members to use.
     """
     centre = centre_of(array)
     yaw = stops.pose[:, 3]

@@ -1,4 +1,4 @@
-"""From a candidate to a pose: the climb to its peak, and the covariance of the pose there."""
+"""Refinement of a candidate to a pose: the climb to its peak, and the covariance of the pose there."""
 
 from functools import partial
 from typing import NamedTuple
@@ -50,16 +50,16 @@ _RIDGE = 1e-5  # share of its diagonal added to a step's matrix
 
 
 class RefinedPeak(NamedTuple):
-    """Where a climb ended.
+    """Result of a climb.
 
     Attributes:
-        pose: with pitch as its sixth number.
-        correlation: there; ``OFF_MAP_SCORE`` where overlap is missing.
+        pose: best pose, with pitch as its sixth number.
+        correlation: correlation at the pose; ``OFF_MAP_SCORE`` without enough overlap.
         overlap: share of the template's traces on the map.
-        information: of the match alone (see ``covariance_of``).
-        covered: traces on the map.
-        narrow: along and cross: a cell to either side of the pose is off the map.
-        asked: the step that the gradient there still asks for, however long.
+        information: information matrix of the match alone (see ``covariance_of``).
+        covered: mask of traces on the map.
+        narrow: whether, along and cross, a cell to either side of the pose is off the map.
+        asked: remaining Gauss-Newton step at the pose, without a limit.
     """
 
     pose: Float[Array, "batch 6"]
@@ -87,16 +87,17 @@ def climb(
 ) -> RefinedPeak:
     """Climb from each start and return the best pose on the way.
 
-    A step that leads to less is taken again from where it began, a quarter as long.
+    A step to a lower value is repeated from its start, a quarter as long.
 
     Args:
         tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap: as for ``score_poses``.
-        template: batched, one for each start.
+        template: templates, one for each start.
         start: along_m, cross_m, height_m, yaw_rad, roll_rad, pitch_rad in the tile's frame.
-        prior: the same, with ``half_width`` the search region about it; attitude and height are held to it.
-        numbers: independent numbers that a template holds: what the match weighs against the prior.
-        free: degrees of freedom that may move.
-        steps: poses measured; with one, only the start is.
+        prior: prior pose in the same order, with the search region of ``half_width`` about it; attitude and height are
+            weighed against it.
+        numbers: number of independent numbers in a template, the weight of the match against the prior.
+        free: mask of free degrees of freedom.
+        steps: number of poses evaluated; 1: only the start.
     """
     live_power = jnp.sum(template.coefficients**2, axis=-1)
     held = jnp.asarray(PRIOR, dtype=jnp.float32)[None] / half_width**2
@@ -165,8 +166,8 @@ def climb(
 
 
 def _evidence(correlation: Float[Array, " batch"], pieces: Pieces) -> Float[Array, " batch"]:
-    """Log-likelihood of each pose by the independent numbers that lie on the map: traces off it say nothing, for or
-    against. Where nothing matches, the correlation itself.
+    """Log-likelihood of each pose by the independent numbers on the map; traces off the map do not count. Without a
+    match, the correlation itself.
     """
     return jnp.where(correlation > 0.0, pieces.evidence, correlation)
 
@@ -255,7 +256,7 @@ class SwarmView(NamedTuple):
         place_m: positions of the particles at the start and after each iteration.
         best_m: the best place found by any of them so far.
         attitude: height in metres, yaw and roll of the particles, less the prior's.
-        best_attitude: the same of the best place found so far.
+        best_attitude: attitude of the best place found so far.
         best_score: the best score found by each of them so far; -inf before the first.
         along_m, cross_m, score: the objective over positions, with the rest of the pose as the swarm left it.
     """
@@ -323,13 +324,13 @@ def held_score(
     half_width: Float[Array, "5"],
     numbers: Float[Array, ""],
 ) -> Float[Array, " particle"]:
-    """Scores of poses, less what the prior's attitude and height weigh against them, as on a climb.
+    """Scores of poses minus the weight of the prior's attitude and height against them, as on a climb.
 
     Args:
-        score: of the poses.
+        score: scores of the poses.
         pose: along_m, cross_m, height_m, yaw_rad, roll_rad in the tile's frame.
-        prior: the same, with ``half_width`` the search region about it.
-        numbers: independent numbers that the template holds.
+        prior: prior pose in the same order, with the search region of ``half_width`` about it.
+        numbers: number of independent numbers in the template.
     """
     pull = jnp.asarray([0.0, 0.0, *PRIOR[2:5]], dtype=jnp.float32)
     r = jnp.clip(score.correlation, 0.05, 0.999)
@@ -375,17 +376,17 @@ FEW_CHANNELS = 3
 """An array with at most this many channels observes little to its sides."""
 
 _UNFINISHED = (0.67, 0.99, 0.9, 0.9, 0.9)
-"""Of the largest step: at a peak the remaining one is a small part of it."""
+"""Share of the largest step from which a climb counts as unfinished: at a peak the remaining step is much smaller."""
 _MOVES = 0.5  # of a cell, which is a tenth of a wavelength
 
 
 class Region(NamedTuple):
-    """Where each template is searched for.
+    """Search region of each template.
 
     Attributes:
         prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad, pitch_rad in the tile's frame.
-        half_width: of the search region about it, in the same order.
-        number: of the scan in its drive; seeds the swarm, so that a fix does not depend on its batch.
+        half_width: half widths of the search region about it, in the same order.
+        number: number of the scan in its drive; it seeds the swarm, so that a fix does not depend on its batch.
     """
 
     prior: Float[Array, "end 6"]
@@ -394,14 +395,14 @@ class Region(NamedTuple):
 
 
 class Finished(NamedTuple):
-    """Where the climbs of a batch ended, in the tile's frame.
+    """Results of a batch of climbs, in the tile's frame.
 
     Attributes:
-        pose, covariance: NaN where a template is off the map.
-        correlation: there.
+        pose, covariance: pose and covariance; NaN if a template is off the map.
+        correlation: correlation at the pose.
         overlap: share of the template's traces on the map.
-        overlap_channels: channels of its last scan on the map.
-        unfinished: the climb has not converged: its peak is elsewhere, or where the map ends.
+        overlap_channels: number of channels of its last scan on the map.
+        unfinished: whether the climb has not converged: its peak is elsewhere, or at the map's end.
     """
 
     pose: Float[Array, "end 5"]
@@ -493,14 +494,14 @@ def finish_best(
 
     Args:
         tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap: as for ``score_poses``.
-        template: batched.
+        template: batch of templates.
         start: along_m, cross_m, height_m above ground, yaw_rad, roll_rad, pitch_rad in the tile's frame.
-        region: of the search.
-        floor: noise floor of each template: determines its number of independent samples.
-        heading, pitch: are searched: one trace does not observe heading.
-        swarm: refine by this swarm around each candidate before the last step of Gauss-Newton.
-        seed: of the swarm.
-        steps: poses measured on a climb.
+        region: region of the search.
+        floor: noise floor of each template, which determines its number of independent samples.
+        heading, pitch: whether heading and pitch are searched; one trace does not observe heading.
+        swarm: swarm that refines each candidate before the last step of Gauss-Newton; ``None``: no swarm.
+        seed: seed of the swarm.
+        steps: number of poses evaluated on a climb.
     """
     wide = jnp.sum(template.scan == 0, axis=1)
     several = jnp.max(wide) > 1

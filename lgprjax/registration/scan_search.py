@@ -1,6 +1,6 @@
 """Exhaustive search of one tile: every cell of the region scored, the best candidate refined.
 
-The plain form of the search: it takes any traces anywhere and needs no template bank. Drives are registered by
+This plain form of the search accepts any traces anywhere and needs no template bank. Drives are registered by
 ``Registration``, whose coarse stage computes the same product at a twentieth of the cost.
 """
 
@@ -23,7 +23,7 @@ from lgprjax.subsurface import GroundMap, Tile, sample_tile
 # The coarse stage: every place of the search region on the grid's own cells, at the prior's attitude.
 #
 # Correlation is linear in the map, so one matrix product of traces with cells holds every product needed at any place;
-# with the antennas rounded to whole cells a place's score is a sum of slices, one a trace, and no gather. Being
+# with the antennas rounded to whole cells a place's score is a sum of slices, one per trace, and no gather. Being
 # exhaustive, it cannot miss the best place or its rivals: the swarm refines them, and the difference of their scores is
 # the margin that integrity relies on.
 
@@ -32,9 +32,9 @@ class CoarseSurface(NamedTuple):
     """Correlation over the region's lattice, whose points are cells of the tile.
 
     Attributes:
-        score: at each point, see ``Score``; ``OFF_MAP_SCORE`` where overlap is missing.
+        score: score at each point, see ``Score``; ``OFF_MAP_SCORE`` without enough overlap.
         overlap: share of the template on the map.
-        first_cell: the tile's cell of lattice point (0, 0).
+        first_cell: tile's cell of lattice point (0, 0).
     """
 
     score: Float[Array, "along cross"]
@@ -60,17 +60,17 @@ def coarse_surface(
     lattice: tuple[int, int],
     margin: tuple[int, int],
 ) -> CoarseSurface:
-    """Correlation at every lattice point, heading and height as the prior has them.
+    """Correlation at every lattice point, with the prior's heading and height.
 
     Args:
         tile, template: as for ``score_poses``.
-        products: of this template, from ``trace_products``.
+        products: products of this template, from ``trace_products``.
         prior: along_m, cross_m, height_m, yaw_rad, roll_rad; the lattice is centred there as far as the
             tile reaches.
-        half_width_m: of the region along and cross; lattice points beyond it do not count.
+        half_width_m: half width of the region along and cross; lattice points beyond it do not count.
         min_overlap: see ``score_poses``.
-        lattice: points along and cross; at most the tile's cells.
-        margin: cells that an antenna may stand outside the tile; farther ones count as off the map.
+        lattice: number of points along and cross; at most the tile's cells.
+        margin: number of cells that an antenna may be outside the tile; farther ones count as off the map.
     """
     cells = jnp.asarray(tile.valid.shape, dtype=jnp.int32)
     size = jnp.asarray(lattice, dtype=jnp.int32)
@@ -120,11 +120,11 @@ def coarse_surface(
 
 
 class Modes(NamedTuple):
-    """The best lattice points that lie apart from each other.
+    """The best lattice points that are apart from each other.
 
     Attributes:
-        place_m: along and cross.
-        score: there; ``OFF_MAP_SCORE`` where none was left.
+        place_m: along and cross of each point.
+        score: score of each point; ``OFF_MAP_SCORE`` if none was left.
         floor: noise floor: standard deviation of the score away from the best.
     """
 
@@ -157,7 +157,7 @@ def find_modes(tile: Tile, surface: CoarseSurface, apart_m: Float[Array, ""], *,
     count = jnp.maximum(jnp.sum(away, dtype=jnp.float32), 1.0)
     mean = jnp.sum(jnp.where(away, surface.score, 0.0)) / count
     spread = jnp.sum(jnp.where(away, (surface.score - mean) ** 2, 0.0)) / count
-    # A handful of places away from the best says nothing about chance: the most cautious value is used.
+    # A handful of places away from the best does not measure chance: the most cautious value is used.
     enough = jnp.sum(away) >= 16
     return Modes(jnp.stack(places), jnp.stack(scores), jnp.where(enough, jnp.sqrt(spread), 0.5))
 
@@ -167,8 +167,8 @@ class SearchSpec:
     """Static shape of a search; each is compiled once.
 
     Attributes:
-        lattice: points of the coarse stage along and cross.
-        margin: cells that an antenna may stand outside the tile.
+        lattice: number of points of the coarse stage along and cross.
+        margin: number of cells that an antenna may be outside the tile.
     """
 
     lattice: tuple[int, int]
@@ -192,10 +192,10 @@ class SearchProblem(NamedTuple):
     """A batch of templates with their priors.
 
     Attributes:
-        template: batched.
+        template: batch of templates.
         prior: along_m, cross_m, height_m above ground, yaw_rad, roll_rad in the tile's frame.
-        half_width: of the search region about the prior, in the same order.
-        finite: enough finite traces to try.
+        half_width: half widths of the search region about the prior, in the same order.
+        finite: whether there are enough finite traces.
     """
 
     template: Template
@@ -208,8 +208,8 @@ class Rules(NamedTuple):
     """Rules for a whole batch.
 
     Attributes:
-        apart_m: two places nearer than this are one.
-        thresholds: to reach.
+        apart_m: distance below which two places are the same.
+        thresholds: acceptance thresholds.
     """
 
     apart_m: Float[Array, ""]
@@ -320,7 +320,7 @@ class SurfacePicture(NamedTuple):
 
 
 _SEEN_POINTS = 40
-"""Of a picture of the correlation, to each side of the fix."""
+"""Points of a picture of the correlation, to each side of the fix."""
 
 
 def survey_surface(
@@ -333,15 +333,15 @@ def survey_surface(
     angular_frequency_rad_per_ns: Float[Array, " half"],
     min_overlap: float,
 ) -> SurfacePicture:
-    """Correlation over places of one template (batch of one), the rest of the pose as its fix has it.
+    """Correlation of one template (batch of one) over places, with the rest of the pose from its fix.
 
-    The fix is a point of the lattice, so that the picture shows its correlation there.
+    The fix is a point of the lattice, so that the picture shows its correlation.
 
     Args:
         tile, template: see ``score_poses``.
-        pose: of the fix in the tile's frame.
+        pose: pose of the fix in the tile's frame.
         prior: middle of the search region.
-        half_width_m: of the region, to each side.
+        half_width_m: half width of the region.
         height_reference_m, angular_frequency_rad_per_ns, min_overlap: see ``score_poses``.
     """
     reach_m = float(np.max(np.abs(prior[:2] - pose[:2]))) + half_width_m
@@ -394,7 +394,7 @@ def ground_under(
 
 
 def rival_of(surface: SurfacePicture, best_m: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "2"] | None:
-    """Highest peak of a surface at least ``apart_m`` from a place (along, cross); None where there is none."""
+    """Highest peak of a surface at least ``apart_m`` from a place (along, cross); ``None`` without one."""
     score = np.where(np.isfinite(surface.score), surface.score, -np.inf)
     rows, columns = score.shape
     framed = np.pad(score, 1, constant_values=-np.inf)

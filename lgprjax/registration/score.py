@@ -3,8 +3,8 @@
     r = sum(S G) / sqrt(sum(S^2) sum(G^2))
 
 over channels and depth (LL figure B; RA-L 2020 with its normaliser repaired, docs/conventions.md), S the live
-traces, G the tile sampled under the antennas, both sums over the traces that lie on the map. A template is one
-scan, or a window of scans joined by odometry: for the score both are a set of traces with offsets.
+traces, G the tile sampled under the antennas, both sums over the traces on the map. A template is one scan, or a
+window of scans joined by odometry: for the score both are a set of traces with offsets.
 """
 
 from typing import NamedTuple
@@ -25,10 +25,10 @@ class Template(NamedTuple):
     """Live traces and their offsets from the array's centre at the template's last scan.
 
     Attributes:
-        coefficients: of each trace; zeros where invalid.
+        coefficients: coefficients of each trace; zeros where invalid.
         offset_m: forward and left of the array's centre at the last scan, in its body frame.
-        valid: traces to use.
-        scan: that each trace is of, counted backwards from the last one, 0.
+        valid: mask of traces to use.
+        scan: scan of each trace, counted backwards from the last one, 0.
     """
 
     coefficients: Float[Array, "*batch trace coefficient"]
@@ -38,15 +38,15 @@ class Template(NamedTuple):
 
 
 class Score(NamedTuple):
-    """How well a template matches at each pose.
+    """Match of a template at each pose.
 
     Attributes:
-        correlation: r over the traces that lie on the map; ``OFF_MAP_SCORE`` with too little overlap.
+        correlation: r over the traces on the map; ``OFF_MAP_SCORE`` with too little overlap.
         score: r times the root of the overlap. The standard deviation of r by chance is one over the root of the
             number of traces, so that at the map's edge, where few channels overlap, the same r means less; ranked by r
             alone, false matches accumulate there.
-        covered: traces on the map.
-        product, ground: of each trace with the ground below it, and of that with itself; 0 where not covered.
+        covered: mask of traces on the map.
+        product, ground: product of each trace with the ground below it, and power of that ground; 0 if not covered.
     """
 
     correlation: Float[Array, " particle"]
@@ -70,12 +70,12 @@ def score_poses(
     2 (z - reference) / c in air (docs/conventions.md).
 
     Args:
-        tile: the ground.
+        tile: ground of the map.
         template: one scan or a window.
         pose: along_m, cross_m, height_m above ground, yaw_rad from the tile's axis, roll_rad.
-        height_reference_m: antenna height that the tile was reduced to.
-        angular_frequency_rad_per_ns: of the coefficients.
-        min_overlap: share of the valid traces that must lie on the map; else ``OFF_MAP_SCORE``.
+        height_reference_m: antenna height to which the tile was reduced.
+        angular_frequency_rad_per_ns: angular frequencies of the coefficients.
+        min_overlap: least share of the valid traces on the map; below it the result is ``OFF_MAP_SCORE``.
     """
     cos, sin = jnp.cos(pose[:, 3])[:, None], jnp.sin(pose[:, 3])[:, None]
     forward, left = template.offset_m[:, 0][None, :], template.offset_m[:, 1][None, :]
@@ -117,7 +117,7 @@ def score_each(
     height_reference_m: Float[Array, ""],
     angular_frequency_rad_per_ns: Float[Array, " half"],
 ) -> Float[Array, " batch"]:
-    """Correlation of each template at a pose of its own; NaN where less than half of it is on the map."""
+    """Correlation of each template at its own pose; NaN if less than half of it is on the map."""
 
     def one(each: tuple[Template, Float[Array, "5"]]) -> Float[Array, ""]:
         score = score_poses(
@@ -156,11 +156,11 @@ class SampledGround(NamedTuple):
     """The live traces of each pose, and the cells of ground below them.
 
     Attributes:
-        real, imaginary: of the live traces, at the tile's height reference.
-        corners: ground here, one cell across, one along, and both.
-        part: where between them, along and across.
+        real, imaginary: real and imaginary parts of the live traces, at the tile's height reference.
+        corners: ground at the cell, one cell across, one along, and both.
+        part: fractional position between the corners, along and across.
         turned_m: offset of each trace, along and across.
-        covered: on the map and valid.
+        covered: mask of valid traces on the map.
     """
 
     real: Float[Array, "batch trace half"]
@@ -251,16 +251,16 @@ def trace_sums(sampled: SampledGround, rate_rad_per_m: Float[Array, " half"], ce
 _PIECES = 8
 """Pieces of a template, one after the other along the way, that may match differently."""
 _LEAST_LEFT = 1e-3
-"""Share of a piece's power that counts as noise at least: no map is known better."""
+"""Least share of a piece's power that counts as noise, because maps are not known better."""
 
 
 class Pieces(NamedTuple):
-    """How well each piece of a template matches, for its traces.
+    """Match of each piece of a template, per trace.
 
     Attributes:
-        gain: of the live traces over the ground.
-        weight: independent numbers of its piece over the power that is left of it.
-        evidence: log-likelihood of the template, against ground that has nothing to do with the map.
+        gain: gain of the live traces over the ground.
+        weight: independent numbers of the trace's piece divided by the piece's residual power.
+        evidence: log-likelihood ratio of the template, against unrelated ground.
     """
 
     gain: Float[Array, "batch trace"]
@@ -277,15 +277,16 @@ def match_pieces(
 ) -> Pieces:
     """Gain and noise of each piece of a template.
 
-    Of a window that reaches onto ground the map does not have, some pieces match and others hold nothing of the pose,
-    however loud they are: with one gain and one noise for all they would count as if they did. Where pieces differ no
-    more than chance lets them they have one gain and one noise, else each its own: shrunk towards the common one by the
-    share of the differences' square that chance makes (Efron and Morris, 1973). What is left of a piece is its noise.
+    If a window extends onto ground unlike the map, some pieces match and others carry no information on the pose,
+    however strong they are; with one gain and one noise for all they would count as if they did. If pieces differ no
+    more than by chance they share one gain and one noise, else each has its own, shrunk towards the common one by the
+    share of the squared differences due to chance (Efron and Morris, 1973). The residual of a piece is its noise.
 
     Args:
-        product, ground, live: of each trace with the ground, of the ground and of the trace; 0 where it does not count.
-        scan: of each trace (see ``Template``).
-        numbers: independent numbers that the template holds.
+        product, ground, live: product of each trace with the ground, power of the ground and of the trace; 0 if it does
+            not count.
+        scan: scan of each trace (see ``Template``).
+        numbers: number of independent numbers in the template.
     """
     scans = jnp.max(scan, axis=-1, keepdims=True) + 1
     member = (scan * _PIECES // scans)[..., None] == jnp.arange(_PIECES)[None, None]

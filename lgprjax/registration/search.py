@@ -21,10 +21,10 @@ from lgprjax.registration.template_bank import PreparedGround
 from lgprjax.subsurface import GroundMap, StationSource
 
 BLOCK_SCANS = 512
-_NEEDS_GROUND = (Code.LOW_CORRELATION, Code.AMBIGUOUS, Code.NO_WINDOW)  # more of which may decide otherwise
-_WARM = 4.0  # filter lengths before a stretch, from which its background is known as in the drive
-_MOST_SCANS = 4096  # to each side of a place, where a vehicle stood
-_AGREED_M = 0.3  # within which both ways must find one place
+_NEEDS_GROUND = (Code.LOW_CORRELATION, Code.AMBIGUOUS, Code.NO_WINDOW)  # codes that more ground may change
+_WARM = 4.0  # filter lengths before a stretch that give its background as in the drive
+_MOST_SCANS = 4096  # largest number of scans to each side of a place, at a standstill
+_AGREED_M = 0.3  # largest distance between the places of both directions
 TRACK_SCANS = 4
 """Largest number of scans that a vehicle searches at once."""
 
@@ -33,10 +33,10 @@ class LiveBlock(NamedTuple):
     """Consecutive scans of a drive.
 
     Attributes:
-        traces: as recorded, in the form that the drive's operator takes.
-        valid: channels that hold data.
-        track: of the scans.
-        truth: true poses of the array's centre where they are known, scored for comparison.
+        traces: recorded traces, in the form of the drive's operator.
+        valid: mask of channels with data.
+        track: prior poses and motion of the scans.
+        truth: true poses of the array's centre, if known, scored for comparison.
     """
 
     traces: Float[np.ndarray, "scan channel recorded"]
@@ -45,7 +45,7 @@ class LiveBlock(NamedTuple):
     truth: Float[np.ndarray, "scan 5"] | None = None
 
     def part(self, scans: slice) -> "LiveBlock":
-        """Some of its scans."""
+        """The block of some of its scans."""
         track = Track(*(field[scans] for field in self.track))
         return LiveBlock(
             self.traces[scans], self.valid[scans], track, None if self.truth is None else self.truth[scans]
@@ -56,14 +56,14 @@ class DriveFixes(NamedTuple):
     """Fixes of consecutive scans, poses and covariances in the map's frame (see ``Fix``).
 
     Attributes:
-        scan: numbers in the drive.
-        fix: of each.
-        map_odometry_covariance: the part of the east and north covariances due to the map's own positions and the
+        scan: numbers of the scans in the drive.
+        fix: fix of each scan.
+        map_odometry_covariance: part of the east and north covariances due to the map's own positions and the
             odometer's scale.
-        time_scale: that each scan was matched at.
-        searched: scans that were searched; the others propagate the previous fix.
-        correlation_at_truth: score of the scan alone at its true pose, a measure of how difficult the ground is; NaN
-            where no truth is known or the scan was not searched.
+        time_scale: time scale of each scan's match.
+        searched: mask of scans that were searched; the others propagate the previous fix.
+        correlation_at_truth: score of the scan alone at its true pose, a measure of the difficulty of the ground; NaN
+            without a known truth or for scans that were not searched.
     """
 
     scan: Int[np.ndarray, " scan"]
@@ -84,14 +84,14 @@ def ground_map_for(source: StationSource, options: RegisterOptions, *, keep: int
 
 
 def live_chain(ground: GroundMap, operators: Operators, array: ArrayGeometry, recorded: int) -> LiveChain:
-    """The chain that converts recorded scans to this map's coefficients.
+    """Chain that converts recorded scans to this map's coefficients.
 
     Args:
-        ground: the map.
+        ground: map.
         operators: matrices from recorded numbers of a trace to profile samples, with the map's settings and number of
             samples.
-        array: of the drive.
-        recorded: numbers of a trace.
+        array: array of the drive.
+        recorded: recorded numbers per trace.
     """
     return LiveChain(
         operators,
@@ -104,20 +104,20 @@ def live_chain(ground: GroundMap, operators: Operators, array: ArrayGeometry, re
 
 
 class Registration:
-    """The search of one drive, fed with its scans in order: a whole drive, or the last few of a vehicle.
+    """Search of one drive, fed with its scans in order: a whole drive, or the latest scans on board.
 
     A scan is searched every few centimetres of travel; in between, a fix is propagated by odometry and heading.
 
     Args:
-        ground: from ``ground_map_for`` with the same options.
-        operators: of the drive's recording at a time scale, with the map's settings.
-        array: geometry of the drive.
-        options: of the search.
-        chance: of the map.
-        likelihood: of map and array, for the filter (``options.filter``).
-        recorded: numbers of a trace.
-        prepared: of ground and array, shared between drives; None to make one.
-        block_scans: largest block that ``feed`` is given; a compiled shape.
+        ground: map from ``ground_map_for`` with the same options.
+        operators: operators of the drive's recording at a time scale, with the map's settings.
+        array: array of the drive.
+        options: options of the search.
+        chance: chance of a false match on the map.
+        likelihood: likelihood of map and array, for the filter (``options.filter``).
+        recorded: recorded numbers per trace.
+        prepared: ground prepared for the array, shared between drives; ``None``: prepared here.
+        block_scans: largest block per call of ``feed``; a compiled shape.
     """
 
     def __init__(
@@ -169,15 +169,15 @@ class Registration:
         start: tuple[Float[np.ndarray, "2"], float, float],
         offset: Float[np.ndarray, "3"],
     ) -> DriveFixes:
-        """Fixes of a stretch of a drive, the last scan first: filtered in order, searched in the opposite one.
+        """Fixes of a stretch of a drive, the last scan first: filtered in order, searched in reverse order.
 
         Args:
-            blocks: of the stretch, and of as much about it as the background removal needs.
-            stretch: scans of it among these.
+            blocks: blocks of the stretch, and of its surroundings as the background removal needs.
+            stretch: scans of the stretch among these.
             path_m: travel of the drive at the first scan of the stretch.
-            start: place of the last scan, minus the travel up to which it is known, and time scale
+            start: place of the last scan, negative travel up to which it is known, and time scale
                 (``EvidenceSearch.begin_at``).
-            offset: of height, heading and roll there from the priors.
+            offset: offsets of height, heading and roll there from the priors.
         """
         parts: list[LiveScans] = []
         background: np.ndarray | None = None
@@ -233,13 +233,13 @@ class Registration:
 
 
 class Searched(NamedTuple):
-    """Scans that were searched.
+    """Searched scans.
 
     Attributes:
-        fix: of each.
+        fix: fix of each scan.
         place: see ``places_of``.
-        leg: of each.
-        beside: the part of the covariance due to map and odometer.
+        leg: leg of each scan.
+        beside: part of the covariance due to map and odometer.
         scale: time scale.
     """
 
@@ -324,17 +324,17 @@ def carry_back(
     blocks: Callable[[int, int], Iterator[LiveBlock]],
     begin: Callable[[], Registration],
 ) -> DriveFixes:
-    """Fixes of a drive, with those of scans that were declined before a place was found ahead of them.
+    """Fixes of a drive, with fixes of scans that were rejected before a place was found ahead of them.
 
-    From some metres ahead of each such place the same scans are searched in the opposite order, about the place alone,
-    so that windows reach ahead. Each must hold against the whole region all the same. Where both orders have fixes they
-    must agree, or nothing is taken. Ground where no place was found is not searched again.
+    From some metres ahead of each such place the same scans are searched in reverse order, about the place alone, so
+    that windows reach ahead. Each fix must still hold against the whole region. If both orders have fixes they must
+    agree, or nothing is taken. Ground without a place found is not searched again.
 
     Args:
-        found: of every scan.
-        track: of the drive.
-        blocks: the scans from a number up to another, in blocks.
-        begin: a new search.
+        found: fixes of every scan.
+        track: prior poses and motion of the drive.
+        blocks: function that returns the scans between two numbers in blocks.
+        begin: function that starts a new search.
     """
     out: DriveFixes = jax.tree.map(np.array, found)
     code, leg = np.asarray(out.fix.code), track.leg

@@ -2,7 +2,7 @@
 
 The search of the first system of this kind (LL). It begins anywhere in its region and knows no derivative; region,
 particles and iterations follow the correlation: small where the last place was certain, the whole region where it was
-not. A swarm says where the best pose is. Whether that is certain, and in which window, is decided as by default, by
+not. A swarm finds the best pose. Whether that is certain, and in which window, is decided as by default, by
 scores close to the place and at decoys: probabilities, codes and the time scale mean the same, and a place that both
 accept was found in two ways.
 """
@@ -40,12 +40,12 @@ _SEEDS = _WHOLE + 3  # of searches at one stop: anew, about a known place at eac
 
 
 class SwarmPeak(NamedTuple):
-    """The best pose that a swarm found in its region, in the tile's frame; scores as of ``Score``.
+    """The best pose that a swarm found in its region, in the tile's frame; scores as in ``Score``.
 
     Attributes:
-        pose: along_m, cross_m, height_m, yaw_rad, roll_rad of each swarm: of the best place, and where a rival was
-            looked for of the best one at least a distance apart.
-        score: there; ``OFF_MAP_SCORE`` where nothing was on the map.
+        pose: along_m, cross_m, height_m, yaw_rad, roll_rad of each swarm: of the best place and, in a search for a
+            rival, of the best one at least a distance apart.
+        score: score of each pose; ``OFF_MAP_SCORE`` if nothing was on the map.
         on_map: share of the region on the map.
     """
 
@@ -71,18 +71,18 @@ def search_region(
     config: SwarmConfig,
     rival: bool,
 ) -> SwarmPeak:
-    """Search a region of poses by a swarm that begins anywhere in it, and for a rival by a second one.
+    """Search a region of poses by a swarm with random starts in it, and for a rival by a second one.
 
     Args:
         tile, height_reference_m, angular_frequency_rad_per_ns, min_overlap: as for ``score_poses``.
-        template: a single one.
-        middle, half_width: of the region, in the tile's frame.
-        free: degrees of freedom that may move.
+        template: single template.
+        middle, half_width: middle and half widths of the region, in the tile's frame.
+        free: mask of free degrees of freedom.
         floor: noise floor of the template: its match is weighed against the prior's height and attitude, as on a climb.
-        apart_m: places closer than this are the same place.
-        seed: of the drive and of this search.
-        config: of the swarms.
-        rival: look for one.
+        apart_m: distance below which places are the same.
+        seed: seeds of the drive and of this search.
+        config: configuration of the swarms.
+        rival: whether to search for a rival.
     """
 
     numbers = independent_numbers(floor)
@@ -120,9 +120,7 @@ class _Region(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """What each swarm found; of the poses, what they are off from dead reckoning and the prior's height, heading and
-    roll.
-    """
+    """Result of each swarm; poses are offsets from dead reckoning and from the prior's height, heading and roll."""
 
     offset: Float[np.ndarray, "swarm 5"]
     score: Float[np.ndarray, " swarm"]
@@ -137,8 +135,8 @@ class SwarmSearch(EvidenceSearch):
     _declined: ChosenWindows | None = None
 
     def _judge(self, stops: Stops, low: int, high: int, astray: Float[np.ndarray, "stop 2"]) -> ChosenWindows:
-        """Stop by stop while no place is tracked; from then on as by default around the place, each accepted window's
-        pose found by a swarm.
+        """Judge stop by stop while no place is tracked; from then on as by default around the place, with each accepted
+        window's pose found by a swarm.
         """
         parts: list[ChosenWindows] = []
         at, tracked = low, self._lattice.place_m is not None
@@ -251,7 +249,7 @@ class SwarmSearch(EvidenceSearch):
     def _compared(
         self, stops: Stops, at: Int[np.ndarray, " stop"], prior_m: Float[np.ndarray, "2"]
     ) -> tuple[float, float] | None:
-        """By two swarms in the whole region."""
+        """Comparison by two swarms in the whole region."""
         assert self._place.error_m is not None
         near = self._one_window(stops, at, stops.coefficients[at], self._place.error_m, HELD_M)
         if near.floor == 0.0:
@@ -295,11 +293,11 @@ class SwarmSearch(EvidenceSearch):
         """Search a region for the pose of one window.
 
         Args:
-            stops: the scans.
-            member: those of the window, the last one first; as many as are compiled for, or repeated.
-            region: of places; for the whole one a rival is looked for.
+            stops: scans of the drive.
+            member: scans of the window, the last one first, padded by repetition to the compiled number.
+            region: region of places; for the whole region a rival is searched.
             floor: noise floor of the window.
-            seed: of the swarm.
+            seed: seed of the swarm.
         """
         lattice, ground, array = self._lattice, self._ground, self._prepared.array
         end = member[:1]
@@ -348,7 +346,7 @@ class SwarmSearch(EvidenceSearch):
 
 
 def _no_peaks(shape: tuple[int, ...]) -> Peaks:
-    """Of windows that were not searched."""
+    """Peaks of windows that were not searched."""
     off = np.full(shape, OFF_MAP_SCORE)
     nothing = np.zeros(shape)
     none = np.zeros(shape, int)

@@ -27,10 +27,10 @@ class ArrayColumns(NamedTuple):
 
     Attributes:
         value: components of every channel at each place, one channel after the other; 0 off the map.
-        power: of each place's ground, over the channels on the map.
+        power: power of each place's ground, over the channels on the map.
         overlap: share of the channels on the map.
         origin_m: along and cross of place (0, 0).
-        step_m: from place to place.
+        step_m: distance between places, along and cross.
     """
 
     value: Float[Array, "along cross channel_component"]
@@ -55,11 +55,11 @@ def make_columns(
     with the weights of a bilinear sample.
 
     Args:
-        tile: the ground.
+        tile: ground of the map.
         components: orthonormal directions of the coefficients that hold the map's power.
         offset_m: along and cross of each channel from the array's centre, in the tile's frame.
-        stride: cells from place to place, along and across.
-        margin: cells that an antenna may be outside the tile.
+        stride: number of cells between places, along and across.
+        margin: number of cells that an antenna may be outside the tile.
     """
     size, kept = tile.valid.shape, components.shape[1]
     border = [(m, m + 1) for m in margin]
@@ -114,13 +114,13 @@ _LOOKED_AT = 16
 
 
 class TemplateKey(NamedTuple):
-    """What the columns of a tile depend on: heading and travel of the scans.
+    """Key of a tile's columns: heading and travel of the scans.
 
     Attributes:
-        tile: its number.
+        tile: number of the tile.
         direction: 1 along the tile's axis, -1 against it, 0 across.
-        heading: in bins, relative to the tile's axis.
-        carried: in bins, travel of the vehicle while the switch matrix steps through the channels.
+        heading: heading relative to the tile's axis, in bins.
+        carried: travel of the vehicle while the switch matrix steps through the channels, in bins.
     """
 
     tile: int
@@ -137,12 +137,12 @@ class PreparedTile(NamedTuple):
 
 
 class TileBatch(NamedTuple):
-    """Scans that are worked on together.
+    """Scans of one tile that are processed together.
 
     Attributes:
-        number: of their tile.
-        ready: their ground.
-        rows: their positions.
+        number: number of the tile.
+        ready: prepared tile.
+        rows: indices of the scans.
     """
 
     number: int
@@ -265,7 +265,7 @@ class PreparedGround:
 
 
 def _stand_alone(source: StationSource) -> bool:
-    """Whether a map's baselines have no others beside them, at most of the places looked at."""
+    """Whether a map's baselines are single, without neighbours, at most of the sampled places."""
     frames, description = source.tile_frame, source.description
     pitch_m, width_m = description.channel_pitch_m, description.array_width_m
     reach_m = width_m + max(pitch_m, description.settings.step_m)

@@ -1,7 +1,7 @@
-"""What is known of a place, and which window makes a fix.
+"""The known place, and the choice of the window for a fix.
 
-At every stop all windows of the ladder have their best place. Here the noise floor of each is pooled, its probability
-of being false is weighed, and the shortest that reaches the risk is chosen.
+At every stop all windows of the ladder have their best place. This module pools the noise floor of each, weighs its
+probability of being false, and chooses the shortest that meets the risk.
 """
 
 from typing import NamedTuple
@@ -39,7 +39,7 @@ class KnownPlace(NamedTuple):
     Attributes:
         error_m: east and north of it, less dead reckoning; None before there is one.
         seen_m: travel where it was accepted last; that of the first stop before there is one.
-        found_m: travel where it was found, -inf where none was.
+        found_m: travel at which it was found, -inf without a place.
         found_in: area in square metres, and time scales and attitudes, among which it was found.
     """
 
@@ -53,19 +53,19 @@ class WindowJudge:
     """Judges the windows of one drive.
 
     Args:
-        width_m: of the array.
-        wavelength_m: in the soil.
-        plan, options: of the search.
-        chance: of the map.
-        lattice: of the drive.
-        attitude: what is known of the priors'.
+        width_m: width of the array.
+        wavelength_m: wavelength in the soil.
+        plan, options: sizes and options of the search.
+        chance: chance of a false match on the map.
+        lattice: error lattice of the drive.
+        attitude: estimate of the priors' attitude errors.
 
-    Attributes:
-        place: the last accepted one.
-        elsewhere: z of the best other place of the whole region, when that was last searched.
-        trials: that one look for a place counts for; more than one for a narrow array.
-        measures_edges: the array is wider than the ground's correlation length, so that it can tell how much of it is
-            beyond the map's edge.
+        Attributes:
+        place: last accepted place.
+        elsewhere: z of the best other place of the whole region, at its last search.
+        trials: trials per search for a place; more than one for a narrow array.
+        measures_edges: whether the array is wider than the ground's correlation length, so that it can measure how much
+            of it is beyond the map's edge.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class WindowJudge:
         self._floor = np.zeros((4, 0, len(plan.windows_m)))
 
     def make_room(self, stops: int) -> None:
-        """Take in the next stops."""
+        """Extend the state by the next stops."""
         self._floor = np.concatenate([self._floor, np.zeros((4, stops, len(self._plan.windows_m)))], axis=1)
 
     def drop(self, stops: int) -> None:
@@ -95,7 +95,7 @@ class WindowJudge:
         self._floor = self._floor[:, stops:]
 
     def take(self, here_m: float, error_m: Float[np.ndarray, "2"], points: float, tried: float) -> None:
-        """Take a place; one that was not known has been found among so many lattice points, and others tried."""
+        """Take a place; a new one was found among the given numbers of lattice points and trials."""
         found_m, found_in, known = self.place.found_m, self.place.found_in, self.place.error_m
         if known is None or here_m - self.place.seen_m > LOST_M:
             found_m = here_m
@@ -116,10 +116,10 @@ class WindowJudge:
         return bool(p_rival(np.array([here]), np.array([there]))[0] > _CONTESTED)
 
     def first_of(self, stops: Stops, at: Int[np.ndarray, " end"]) -> Int[np.ndarray, "end window"]:
-        """First stop of each window that ends at each stop; -1 where its leg is not long enough yet.
+        """First stop of each window that ends at each stop; -1 if its leg is not long enough yet.
 
         A leg shorter than a window is matched whole with it, once it is longer than the next shorter window by a
-        quarter: after a drive's start, or a place where travel is not known, all the ground that there is counts.
+        quarter, so that all ground counts after a drive's start or a gap in travel.
         """
         begin = np.searchsorted(stops.leg, stops.leg[at])
         # Stops before the history are dropped: the longest window reaches no farther.
@@ -178,8 +178,9 @@ class WindowJudge:
     ) -> tuple[Float[np.ndarray, "end window"], Float[np.ndarray, "end window"]]:
         """Probabilities that foreign ground, and that a rival, would have produced these peaks; 1 without a peak.
 
-        Around a known place, windows that ``chose`` it have been searched as widely as it was, however small the region
-        is now. Where no place is known (None) as many time scales and attitudes were ``tried``.
+        Around a known place, windows that ``chose`` it count as searched as widely as it was, however small the region
+        is now. ``tried`` is the number of time scales and attitudes tried. ``chose`` is ``None`` while no place is
+        known.
         """
         known = (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         z = np.where(known, peaks.score / peaks.floor, 0.0)
@@ -198,7 +199,7 @@ class WindowJudge:
         return foreign, rivals
 
     def chose(self, stops: Stops, first: Int[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
-        """Windows with ground that the present place was found by: it says the same again, and confirms nothing."""
+        """Windows with ground by which the present place was found, which confirm nothing."""
         return np.asarray(stops.path_m[np.maximum(first, 0)] <= self.place.found_m)
 
     def beyond(self, peaks: Peaks, foreign: Float[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
@@ -291,7 +292,7 @@ class WindowJudge:
         """
         risk, known = self._options.risk, (first >= 0) & (peaks.score > OFF_MAP_SCORE)
         worst = np.where(known, np.maximum(foreign, rivals) + at_edge, 3.0)
-        # A scan by itself hardly knows a heading that the ground has not confirmed yet: a longer window does.
+        # A single scan hardly determines a heading that the ground has not confirmed yet; a longer window does.
         unsure = self._attitude.half_width(stops.sigma_yaw_rad[at])[:, 1] > _UNCONFIRMED_RAD
         if self._options.own_thresholds is None:
             good = good & self._agreed(peaks, good)

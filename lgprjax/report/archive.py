@@ -34,13 +34,13 @@ class ArchivePage:
     """Texts and tables of an archive's page; rows are formatted texts.
 
     Attributes:
-        title, intro: of the page.
+        title, intro: title and introduction of the page.
         facts: quantity and value over all drives.
         places: number, place, latitude and longitude, scans, ok, largest error, drive, time.
-        drives: the worst: name, scans searched, ok, wrong, RMS across and along, largest error, time a scan.
+        drives: worst drives: name, scans searched, ok, wrong, RMS across and along, largest error, time per scan.
         failed: drive and reason, also of drives that have a result of an earlier run.
         workers: worker, drives, programs compiled, drives after the first that compiled, peak memory, busy.
-        spread, plan: pictures of all drives and of all places; None where no scan was searched.
+        spread, plan: pictures of all drives and of all places; ``None`` without searched scans.
     """
 
     title: str
@@ -89,14 +89,14 @@ _BINS = 40
 
 @dataclass(frozen=True, kw_only=True)
 class ArchiveDrives:
-    """Drives of an archive, one value a drive; NaN if missing.
+    """Drives of an archive, one value per drive; NaN if missing.
 
     Attributes:
-        name: of the map.
-        ok_share: of the scans searched, 0 to 1.
+        name: name of the map.
+        ok_share: share of ok fixes among the searched scans, 0 to 1.
         rms_cross_m, rms_along_m: errors of the ok fixes.
-        milliseconds_per_scan: of the search.
-        counts: scans by code, over all drives.
+        milliseconds_per_scan: wall time of the search per scan.
+        counts: number of scans by code, over all drives.
     """
 
     name: str
@@ -174,13 +174,13 @@ class ArchivePlaces:
     """Scans of all drives in square cells of the map's plane.
 
     Attributes:
-        name: of the map.
+        name: name of the map.
         cell_m: side of a cell.
-        cell: number of each, its south-west corner east and north of the anchor in cells.
-        tried, ok, judged: scans searched, with an ok fix, of these with a known truth.
-        square_m2: sum of the squared errors of the judged.
+        cell: index of each cell: its south-west corner east and north of the anchor in cells.
+        tried, ok, judged: number of scans searched, with an ok fix, and with an ok fix and a known truth.
+        square_m2: sum of the squared errors of the judged scans.
         worst_m: middles of the worst places, in order.
-        chords_m: of the map's baselines, stretch by stretch from end to end.
+        chords_m: start and end of each stretch of the map's baselines.
     """
 
     name: str

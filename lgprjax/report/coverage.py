@@ -1,4 +1,4 @@
-"""The report of a worked field: what it states about the ground, what it does not, and the signature."""
+"""The report of a worked field: statements on the ground, their limits, and the signature."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,18 +51,18 @@ class CoveragePage:
     """The texts and tables of a report; rows are formatted texts.
 
     Attributes:
-        name, organisation, period: of the field and the work.
+        name, organisation, period: name of the field, organisation, and period of the work.
         sentences: one statement for each level.
         facts: quantity and value.
         layers: level, processed, uncertain, not processed, share.
-        passes: the passes with their figures; passes_header names the columns.
+        passes_header, passes: names of the columns, and the passes with their figures.
         stops: run, begin, duration, reasons.
         finds: kind, time, latitude, longitude, note.
-        control_points: name, when, run, measured less known east and north, cm.
+        control_points: name, when, run, measured minus known east and north, cm.
         turning_points: point, latitude, longitude.
         hashes: file and SHA-256.
-        figures: map first.
-        measured: whether it was measured in all runs that the tool worked.
+        figures: figures, the map first.
+        measured: whether the operation of the tool was measured in all runs.
     """
 
     name: str
@@ -137,7 +137,7 @@ def write_coverage_page(path: str | Path, page: CoveragePage, *, force: bool = F
 # is as dark as its vermillion.
 _YELLOW, _DEEP_BLUE = "#F0E442", "#00456B"
 COLOURS = (VERMILLION, _YELLOW, SKY, _DEEP_BLUE)
-"""Not processed, uncertain, processed at the lower level only, processed at the higher level."""
+"""Colours of cells: not processed, uncertain, processed at the lower level only, processed at the higher level."""
 _WIDTH_IN = 9.0
 
 
@@ -153,12 +153,12 @@ class CoverPicture:
     """Contents of the map of a field, metres east and north of its anchor.
 
     Attributes:
-        name: of the field.
-        perimeter_m: its corners.
+        name: name of the field.
+        perimeter_m: corners of the field.
         east_m, north_m, cell_m: south-west corner and side of the cells.
-        inside: cells whose centre is inside the perimeter.
-        levels: of confidence, rising.
-        states: of the cells at each level: 0 not processed, 1 uncertain, 2 processed.
+        inside: mask of cells whose centre is inside the perimeter.
+        levels: levels of confidence, rising.
+        states: state of the cells at each level: 0 not processed, 1 uncertain, 2 processed.
         swaths_m: tracks of the tool.
         stops_m: places with a reason to stop.
     """
@@ -196,7 +196,7 @@ def draw_coverage(cover: CoverPicture, path: str | Path, *, force: bool = False)
 
 def draw_coverage_on(axes: Axes, cover: CoverPicture) -> None:
     """Draw the map on axes, with its legend above them."""
-    # What is processed at a level is so at each lower one.
+    # Cells processed at a level are also processed at each lower level.
     kinds = cover.states[0] + np.sum(cover.states[1:] == 2, axis=0, dtype=np.uint8)
     colours = (*COLOURS[:2], *level_colours(len(cover.levels)))
     north, east = kinds.shape
@@ -256,13 +256,14 @@ class CoverPlanPicture:
     """A plan in metres east and north of its anchor.
 
     Attributes:
-        title: of the picture; caption: below it.
+        title, caption: title above the picture, and caption below it.
         perimeter_m: corners of the field.
-        ground_m: rings of the ground that must be safe to drive on; keep_outs_m: rings, with their buffers.
-        swaths_m: start and end of each, in driving order.
-        forward_m, reverse_m: points along the ways between them.
-        width_m: of the tool.
-        computed_m: corner that follows from three that were driven to; ``None``: there is none.
+        ground_m: rings of the ground that must be safe to drive on.
+        keep_outs_m: rings of the keep-outs, including their buffers.
+        swaths_m: start and end of each swath, in driving order.
+        forward_m, reverse_m: points along the ways between swaths.
+        width_m: width of the tool.
+        computed_m: corner computed from three driven corners; ``None`` without one.
     """
 
     title: str
@@ -341,12 +342,12 @@ class CoverChannelsPicture:
     """Channels over the moments of a record.
 
     Attributes:
-        time_s: of each moment.
-        depth_m, speed_mps: measured.
-        sigma_m: of the position, along the worse axis.
-        counts: cells counted.
-        fixed: the GNSS position was a fixed one.
-        stopped: there was a reason to stop.
+        time_s: time of each moment.
+        depth_m, speed_mps: measured depth and speed.
+        sigma_m: standard deviation of the position along the worse axis.
+        counts: whether cells counted.
+        fixed: whether the GNSS position was fixed.
+        stopped: whether there was a reason to stop.
     """
 
     time_s: Float[np.ndarray, " moment"]

@@ -47,8 +47,8 @@ class PlanFrame:
 
     Attributes:
         centre: east_m, north_m of the plan's zero.
-        yaw_rad: of the plan's first axis, counter-clockwise from east; 0 on the map.
-        along_road: the first axis follows the road.
+        yaw_rad: direction of the plan's first axis, counter-clockwise from east; 0 on the map.
+        along_road: whether the first axis follows the road.
     """
 
     centre: tuple[float, float]
@@ -341,17 +341,17 @@ class DrivenResult(NamedTuple):
     """A drive, tick by tick; lengths in metres.
 
     Attributes:
-        name: for the title.
+        name: name for the title.
         baseline_m: true track of the baseline's anchor.
         track_m: true track of the anchor.
         way_m: distance driven so far.
-        engaged: the autopilot drove.
-        tracking_m: anchor from the baseline's line, left positive.
-        located_m: cross-track error of the pose used for control; sigma_m: its sigma by the filter.
-        switch_m, gnss_ins_m: of the threshold switch and of GNSS/INS without LGPR, run in parallel.
-        speed_mps: true speed; limit_mps: commanded.
-        front_rad: of the front wheels.
-        fix: there was an ok fix.
+        engaged: whether the autopilot drove.
+        tracking_m: offset of the anchor from the baseline's line, left positive.
+        located_m, sigma_m: cross-track error of the pose used for control, and its sigma by the filter.
+        switch_m, gnss_ins_m: cross-track errors of the threshold switch and of GNSS/INS without LGPR, run in parallel.
+        speed_mps, limit_mps: true and commanded speed.
+        front_rad: angle of the front wheels.
+        fix: whether there was an ok fix.
     """
 
     name: str
@@ -473,14 +473,14 @@ _EVIDENCE_COLOURS = (SKY, BLUE, INK)
 
 @dataclass(frozen=True, kw_only=True)
 class StatedErrors:
-    """Tried fixes with known truth, of any drives, one row each.
+    """Tried fixes with known truth, of any drives, one row per fix.
 
     Attributes:
-        name: of the drives.
+        name: name of the drives.
         along_m, cross_m: fix minus truth; NaN without a pose.
-        sigma_along_m, sigma_cross_m: stated by the fix.
-        evidence: decades, −log₁₀ of the probability that foreign ground matches as well.
-        ok: the fix is called a position; the others are declined.
+        sigma_along_m, sigma_cross_m: standard deviations stated by the fix.
+        evidence: −log₁₀ of the probability that foreign ground matches as well, decades.
+        ok: whether the fix is accepted; the others are rejected.
     """
 
     name: str

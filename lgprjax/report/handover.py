@@ -1,4 +1,4 @@
-"""A record of a worked field as it is handed over: GIS layers, turning points, and a report to be signed."""
+"""Handover of a record of a worked field: GIS layers, turning points, and a report to be signed."""
 
 import math
 import tempfile
@@ -56,10 +56,10 @@ _SUFFIXES = (".gpkg", ".geojson", ".kml", ".shp.zip", ".cells.csv", ".turning_po
 def handover_files(
     path: Path, folder: Path, benchmark_deg: tuple[float, float] | None, *, force: bool
 ) -> tuple[Path, ...]:
-    """The files that ``hand_over`` writes; what it would refuse after work is refused here.
+    """The files that ``hand_over`` writes, with all checks that do not need the work.
 
     Raises:
-        InputError: a benchmark that is no place, or a file that exists (without ``force``).
+        InputError: the benchmark is not a position, or a file exists (without ``force``).
     """
     mark = benchmark_deg
     if mark is not None and not (abs(mark[0]) <= 90.0 and abs(mark[1]) <= 180.0):
@@ -90,13 +90,13 @@ def hand_over(
     Returns the files.
 
     Args:
-        path: file of the record, whose hash they name.
-        record: what it holds.
-        folder: of the files; it is made.
+        path: file of the record, whose hash the files state.
+        record: contents of the record.
+        folder: folder of the files, created if missing.
         organisation: responsible organisation, named in every shape and in the report.
-        benchmark_deg: latitude and longitude of a marked point that bearings and distances count from; by default the
+        benchmark_deg: latitude and longitude of a marked point, the origin of bearings and distances; by default the
             first corner.
-        force: replace files that exist.
+        force: whether to replace existing files.
 
     Raises:
         InputError: as ``handover_files``, or a file cannot be written.
@@ -271,7 +271,7 @@ def _hashes(source: Path, record: WorkedRecord) -> tuple[tuple[str, str], ...]:
 
 
 def cover_picture(record: WorkedRecord) -> CoverPicture:
-    """What the map of a record shows."""
+    """Contents of the map of a record."""
     cells, swaths, stops = record.cells, record.swaths, record.stops
     ways = [swaths.number == number for number in range(len(record.passes.run))]
     return CoverPicture(

@@ -35,7 +35,7 @@ class ReportFigure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, its text (blank lines separate paragraphs), a page beside it, then tables and figures."""
+    """A heading, its text (blank lines separate paragraphs), a link to another page, then tables and figures."""
 
     heading: str
     text: str = ""
@@ -48,10 +48,10 @@ def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Se
     """Write one self-contained page: for light and dark screens, telephones and paper.
 
     Args:
-        path: the HTML file.
+        path: path of the HTML file.
         title, intro: texts; blank lines separate the paragraphs of ``intro``.
-        sections: in reading order.
-        force: replace a file that exists.
+        sections: sections in reading order.
+        force: whether to replace an existing file.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -76,7 +76,7 @@ def write_report(path: str | Path, title: str, intro: str, sections: Sequence[Se
 
 
 PAGE = "-scans.html"
-"""End of the name of a drive's page of scans, beside the report."""
+"""End of the name of a drive's page of scans, in the folder of the report."""
 _AT_TRUTH = (
     "Correlation at the truth: correlation of the scan at its true pose, without a search. Fixes reach it, and a "
     "little more, because they also fit the noise. A fix far below it missed the true pose. A low value means that the "
@@ -203,7 +203,7 @@ figcaption { color: var(--soft); font-size: 0.92rem; max-width: 48rem; padding-t
 
 
 def summary_table(summaries: Sequence[DriveSummary]) -> Table:
-    """One column a drive, to fit a terminal of 80 columns; a drive with wrong ok fixes is highlighted."""
+    """One column per drive, to fit a terminal of 80 columns; a drive with wrong ok fixes is highlighted."""
     table = Table(title="Registration", caption=overview_caption(summaries), min_width=66)
     header, rows = overview(summaries)
     table.add_column(header[0])
@@ -269,7 +269,7 @@ DECLINES = {
 
 
 _BESIDE = ("low_correlation", "low_overlap")
-"""Codes of a drive beside the lines of the map: other ground, or part of the array without any."""
+"""Codes of a drive off the lines of the map: other ground, or part of the array without mapped ground."""
 
 
 def declines_table(summaries: Sequence[DriveSummary]) -> ReportTable | None:

@@ -1,4 +1,4 @@
-"""Pictures of tracking, of the identified loop beside logged runs, and of a look-ahead found from logs."""
+"""Pictures of tracking, of the identified loop with logged runs, and of a look-ahead found from logs."""
 
 import textwrap
 from pathlib import Path
@@ -14,7 +14,7 @@ _LABEL_CHARACTERS = 24
 
 
 def _legend_above(ax: Axes) -> None:
-    """In one row beside the title, where no curve is."""
+    """Draw the legend in one row next to the title, away from the curves."""
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
 
 
@@ -65,7 +65,7 @@ _LABELS = {
 
 
 def draw_loop(detail: Any, path: Path, force: bool = False) -> None:
-    """How far the drives narrow each number, and logged stretches beside their rollouts.
+    """Draw the narrowing of each number by the drives, and logged stretches with their rollouts.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -97,7 +97,7 @@ def draw_loop(detail: Any, path: Path, force: bool = False) -> None:
 
 
 def draw_logged_look_ahead(detail: Any, path: Path, force: bool = False) -> None:
-    """The schedule over speed at each share of the torque, beside what the vehicles that the logs allow would want.
+    """Draw the schedule over speed at each share of the torque, and the optima of vehicles that fit the logs.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.

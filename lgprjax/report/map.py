@@ -37,7 +37,7 @@ class BaselineStrip:
     Attributes:
         at_m: places along the route.
         along_m, cross_m: match minus label; NaN if the match is not ok.
-        correlation: of the match.
+        correlation: correlation of the match.
     """
 
     at_m: Float[np.ndarray, " place"]
@@ -51,14 +51,15 @@ class MapStrips:
     """Contents of the picture, one value for each place of the route unless stated otherwise.
 
     Attributes:
-        at_m: metres along the route.
-        track_m: east and north.
-        width_m: ground across; ``array_m`` is the array's width.
+        at_m: distance along the route.
+        track_m: east and north of the route.
+        width_m: width of the ground across.
+        array_m: width of the array.
         overlap, passes, repeats, likeness: see the tables of a verified map.
-        ambiguous: a rival is as good as the place itself.
-        baselines: against the others; empty for a map of one.
+        ambiguous: whether a rival is as good as the place itself.
+        baselines: baselines against the others; empty for a map of one.
         least_overlap, least_repeats, widest_offset_m: limits.
-        marked: stretches of every finding that is not good: kind, start and stop metres.
+        marked: stretches of every finding that is not good: kind, start and stop in metres.
     """
 
     name: str
@@ -223,12 +224,12 @@ class MapPasses:
     """Cells of a map's ground, along its route and across it.
 
     Attributes:
-        name: of the map.
+        name: name of the map.
         at_m, across_m: middles of the evenly spaced cells, along the route and to its left.
-        passes: baselines that cover the whole of a cell; 0 without ground.
-        age_days: since the newest of them; NaN without ground or its date.
-        hole: cells under the route's array that no baseline covers.
-        half_like_m: distance across at which the correlation of the ground's signal has halved; None if unknown.
+        passes: number of baselines that cover the whole of a cell; 0 without ground.
+        age_days: time since the newest of them; NaN without ground or its date.
+        hole: mask of cells under the route's array that no baseline covers.
+        half_like_m: distance across at which the correlation of the ground's signal has halved; ``None`` if unknown.
         today: reference date of ages.
     """
 
@@ -303,7 +304,7 @@ def _draw_cells(
     axes: Axes, ground: MapPasses, value: Float[np.ndarray, "place cell"], cmap: Colormap, norm: Normalize
 ) -> AxesImage:
     along, across = outer_edges(ground.at_m), outer_edges(ground.across_m)
-    # Ground with unknown value is grey, no ground is white.
+    # Ground with an unknown value is grey; cells without ground are white.
     known = np.where(ground.passes > 0, 1.0, np.nan)
     layers = ((known, ListedColormap([FAINT]), Normalize(0.0, 1.0)), (value, cmap, norm))
     for values, colours, scale in layers:

@@ -146,7 +146,7 @@ class SwarmPicture:
         particle_m: positions of the particles at the start and after each iteration.
         best_m: the best place found by any of them so far.
         offset: height (m), heading and roll (degrees, counter-clockwise) of the particles, less the prior's.
-        best_offset: the same of the best place.
+        best_offset: offset of the best place.
         best_score: the best score found by each of them so far; not finite before the first.
         milliseconds: time per scan of the drive.
         origin: meaning of the axes' zero.

@@ -30,10 +30,10 @@ class PedalPicture:
     """Records of runs from standstill to standstill.
 
     Attributes:
-        time_s: of each.
-        run: number of its run.
+        time_s: record times.
+        run: number of each record's run.
         throttle, brake: commands, 0 to 1.
-        measured_m, model_m: distance, each relative to its mean over the run.
+        measured_m, model_m: measured and modelled distance, each relative to its mean over the run.
     """
 
     time_s: Float[np.ndarray, " record"]
@@ -92,15 +92,15 @@ def _speed(time_s: Float[np.ndarray, " record"], way_m: Float[np.ndarray, " reco
 
 @dataclass(frozen=True)
 class LookAheadSweep:
-    """What the picture shows.
+    """Contents of the picture of a look-ahead sweep.
 
     Attributes:
         look_ahead_m, speed_mps: axes of the sweep, rising.
-        error_m: RMS distance of the anchor from the path; NaN where no run succeeded.
-        oscillation: remaining oscillation, in ``oscillation_label``'s unit; NaN as above.
-        oscillation_label: its name, with the unit.
-        chosen_mps, chosen_m: the look-ahead over speed that was chosen.
-        stable_m: shortest stable look-ahead at each speed; NaN where the whole sweep is stable.
+        error_m: RMS distance of the anchor from the path; NaN without a successful run.
+        oscillation: remaining oscillation, in ``oscillation_label``'s unit; NaN without a successful run.
+        oscillation_label: name of the oscillation, with the unit.
+        chosen_mps, chosen_m: speeds and look-aheads of the chosen schedule.
+        stable_m: shortest stable look-ahead at each speed; NaN if the whole sweep is stable.
     """
 
     look_ahead_m: Float[np.ndarray, " look"]

@@ -15,17 +15,17 @@ _PERIODS = 30.0
 
 @dataclass(frozen=True)
 class RadarCalibrationPicture:
-    """A calibration and the recording that it was made of.
+    """A calibration and its recording.
 
     Attributes:
-        name: of the calibration.
-        frequencies_hz: of the sweeps.
+        name: name of the calibration.
+        frequencies_hz: frequencies of the sweeps.
         group_delay_ns: delay of the calibration channel's path.
-        empty: look-up over its calibration sweep.
+        empty: look-up divided by its calibration sweep.
         noise: RMS noise of a single scan's ratio.
-        calibration: sweeps of the calibration channel, group by group.
-        echo: plate without look-up; None before one was recorded.
-        gain, delay_ns: of each channel; NaN for channels that are not used, None before they were measured.
+        calibration: sweeps of the calibration channel, by group.
+        echo: echo of the plate minus the look-up; ``None`` before one was recorded.
+        gain, delay_ns: gain and delay of each channel; NaN for unused channels, ``None`` before they were measured.
     """
 
     name: str

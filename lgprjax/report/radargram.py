@@ -46,10 +46,10 @@ class LinePlan:
     """Plan of a line.
 
     Attributes:
-        east_m, north_m: of each channel's antenna, from the origin.
-        distance_m: along the line, as on the axis of its radargrams.
+        east_m, north_m: position of each channel's antenna, from the origin.
+        distance_m: distance along the line, as on the axis of its radargrams.
         shown: channels that the radargrams show.
-        origin: origin of the metres, in words.
+        origin: description of the origin of the metres.
     """
 
     east_m: Float[np.ndarray, "place channel"]
@@ -64,11 +64,11 @@ class LineView:
     """The picture of a line.
 
     Attributes:
-        title: over the whole.
-        radargrams: one a channel, from left to right.
-        plan: None if the place of the line is unknown.
-        wave_speed_m_per_ns: that depths are counted with.
-        speed_is: source of that speed.
+        title: title of the picture.
+        radargrams: radargrams, one per channel, from left to right.
+        plan: plan of the line; ``None`` if its position is unknown.
+        wave_speed_m_per_ns: wave speed of the depth axis.
+        speed_is: source of the wave speed.
         notes: sentences for the caption.
     """
 
@@ -113,7 +113,7 @@ def radargram_of(profile: Profile, channel: int = 0) -> Radargram:
 def even_columns(
     place_m: Float[np.ndarray, " trace"],
 ) -> tuple[Float[np.ndarray, " column"], Int[np.ndarray, " column"]]:
-    """An even grid along a line and the nearest trace of each place; -1 where none is near.
+    """An even grid along a line and the nearest trace of each place; -1 without a near one.
 
     Traces taken standing or in reverse are skipped. The grid has the usual step of the rest, with at most 6000 places.
     """
@@ -150,10 +150,10 @@ def draw_radargram(
     """Draw a radargram: travel time down at the left, depth at the right, distance or trace number along the bottom.
 
     Args:
-        radargram: as recorded, or from ``clear_view``.
-        axes: to draw on, in a script, a notebook or another figure.
-        wave_speed_m_per_ns: for the depth axis, which states it.
-        limit: amplitude of white, and minus that of black; by default the 98.5th percentile.
+        radargram: recorded radargram, or one from ``clear_view``.
+        axes: axes to draw on, in a script, a notebook or another figure.
+        wave_speed_m_per_ns: wave speed of the depth axis, which states it.
+        limit: amplitude of white, and negative amplitude of black; by default the 98.5th percentile.
 
     Returns:
         the axes.
@@ -303,13 +303,13 @@ class MapStations:
     """Antennas of a map's stations and the level of the ground under them.
 
     Attributes:
-        name: of the map.
-        east_m, north_m: of each antenna, from the origin.
-        baseline: number of the drive that each was recorded on.
+        name: name of the map.
+        east_m, north_m: position of each antenna, from the origin.
+        baseline: number of each antenna's drive.
         level: RMS of the amplitudes around each time, with the map's own depth gain.
         time_ns, window_ns: two-way travel times, and the length of the window around each.
         step_m, pitch_m: usual distance of stations and of an array's channels, the latter 0 for a single channel.
-        origin: origin of the metres, in words.
+        origin: description of the origin of the metres.
         notes: sentences for the caption.
     """
 
@@ -332,10 +332,10 @@ class MapSlices:
 
     Attributes:
         x_m, y_m: middles of the cells.
-        level: of the antenna nearest to each cell, NaN where none is near.
+        level: level of the antenna nearest to each cell, NaN without a near one.
         antenna_m: x and y of each antenna.
-        labels: of the axes.
-        origin: origin of the axes, in words.
+        labels: labels of the axes.
+        origin: description of the origin of the axes.
         equal: whether the axes are east and north, drawn with equal scale; else along and across the map.
     """
 

@@ -1,4 +1,4 @@
-"""Registered drives as people see them: the pictures of one drive, and the page over those registered together."""
+"""Pictures of a registered drive, and the page of drives registered together."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -211,14 +211,14 @@ def search_in_words(settings: Mapping[str, object]) -> str:
 
 
 def earlier_summaries(folder: Path, names: Sequence[str]) -> list[DriveSummary]:
-    """Summaries of the drives that were registered into a folder before, and whose fixes are still there.
+    """Summaries of drives registered into a folder earlier whose fixes still exist.
 
     Args:
-        folder: of the results.
+        folder: folder of the results.
         names: drives that are registered now, which are left out.
 
     Raises:
-        InputError: ``summary.json`` is not one of a registration.
+        InputError: ``summary.json`` is not the summary of a registration.
     """
     path = folder / _SUMMARY
     if not path.exists():
@@ -377,7 +377,7 @@ def _windows(drive: RegisteredDrive) -> str | None:
 
 
 def _attitude(drive: RegisteredDrive) -> str | None:
-    """What the ground says of height, heading and roll where it differs from the log; what it cannot say."""
+    """Height, heading and roll by the matches, if they differ from the log; or a note that they are not observable."""
     ok = drive.table["code"].to_numpy() == "ok"
     if drive.channels <= FEW_CHANNELS:
         few = f"an array of {drive.channels} channels" if drive.channels > 1 else "a single channel"
@@ -397,8 +397,8 @@ def _attitude(drive: RegisteredDrive) -> str | None:
 
 
 def _along(drive: RegisteredDrive) -> str | None:
-    """Where the ground does not tell the place along the way."""
-    # What map and odometer add says nothing of the ground.
+    """Note on scans whose ground does not determine the position along the path."""
+    # The part due to map and odometer is independent of the ground.
     matched = np.asarray(drive.fix.covariance)[:, :2, :2] - drive.map_odometry_covariance
     yaw = np.asarray(drive.fix.pose)[:, 3]
     facing = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)

@@ -1,4 +1,4 @@
-"""A folder of registered drives as people see it: the table ``archive.csv`` and the page ``archive.html``."""
+"""Table ``archive.csv`` and page ``archive.html`` of a folder of registered drives."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -138,7 +138,7 @@ def _places(cells: Cells, worst: Sequence[BadPlace], source: MapFile) -> Archive
 
 
 def _worst_drives(records: Sequence[JobRecord]) -> list[JobRecord]:
-    """Those with wrong ok fixes first, then those with the fewest fixes."""
+    """Worst drives: those with wrong ok fixes first, then those with the fewest fixes."""
 
     def how_bad(record: JobRecord) -> tuple[int, float]:
         assert record.figures is not None

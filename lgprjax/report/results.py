@@ -23,25 +23,25 @@ class DriveResult:
     """One drive registered against one map. Positions are local metres around ``origin``; NaN if missing.
 
     Attributes:
-        name, map_name: for titles.
+        name, map_name: names of drive and map, for titles.
         origin: latitude_deg, longitude_deg of the local frame's anchor.
         milliseconds_per_scan: wall time of the registration, divided by the scans.
-        time_s, distance_m: since the drive's start; distance is travel, which reverse adds to.
-        east_m, north_m: of the fixes.
+        time_s, distance_m: time and travel since the drive's start; reverse adds to the travel.
+        east_m, north_m: position of the fixes.
         prior_east_m, prior_north_m, heading_rad: start of the search; yaw counter-clockwise from east.
-        sigma_along_m, sigma_cross_m: of the fixes, about the heading.
-        correlation, margin: of the fixes, of any code; no margin without a runner-up in the region.
+        sigma_along_m, sigma_cross_m: standard deviations of the fixes along and across the heading.
+        correlation, margin: correlation and margin of fixes of any code; no margin without a runner-up in the region.
         p_false: probability that foreign ground would have passed the same search; 1 if nothing was found.
         code: labels from ``CODES``.
-        yaw_rad: of the fixes, if the picture is to show the heading error.
-        sigma_yaw_rad: of the fixes, for the bands around it.
-        gnss_gap: scans at which GNSS/INS was silent for a second, or its sigma three times its best.
-        truth_east_m, truth_north_m, truth_yaw_rad: all three, or none.
+        yaw_rad: yaw of the fixes, for a picture of the heading error.
+        sigma_yaw_rad: standard deviation of the yaw, for the bands around it.
+        gnss_gap: mask of scans at which GNSS/INS was silent for a second, or its sigma three times its best.
+        truth_east_m, truth_north_m, truth_yaw_rad: true pose; all three, or none.
         correlation_at_truth: score of a perfect search.
         baseline_tracks: east_m, north_m of each drive the map was built from.
-        remarks: further remarks for the report, a line each.
-        place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
-        impostor: recorded over foreign ground, so that every ``ok`` is wrong.
+        remarks: further remarks for the report, one line each.
+        place_assumed: whether the geographic position of the drive, or of the map, is assumed.
+        impostor: whether it was recorded over foreign ground, so that every ``ok`` is wrong.
     """
 
     name: str
@@ -103,16 +103,16 @@ class MatchExample:
     All three have the same gain, so that they can be subtracted.
 
     Attributes:
-        baseline, live, beside: amplitudes.
+        baseline, live, beside: amplitudes of the map at the match, of the drive, and of the map elsewhere.
         beside_m: distance of ``beside`` from the matched place.
-        distance_m: along the strip.
+        distance_m: distance along the strip.
         time_ns: two-way travel time of the samples.
-        channel: 0 is the leftmost.
-        correlation, margin: of the fix.
+        channel: number of the channel; 0 is the leftmost.
+        correlation, margin: correlation and margin of the fix.
         lag_m: along-track shift at which live and baseline agree best.
         gain: processing of the amplitudes, for the caption.
-        window_m: first and last distance of the scans that the fix was made from; boxed.
-        wave_speed_m_per_ns: converts travel time to depth.
+        window_m: first and last distance of the fix's scans, drawn as a box.
+        wave_speed_m_per_ns: wave speed, which converts travel time to depth.
     """
 
     baseline: Float[np.ndarray, "trace sample"]
@@ -138,12 +138,13 @@ class CorrelationSurface:
 
     Attributes:
         x_m, y_m: evenly spaced positions, relative to ``origin``.
-        correlation: NaN off the map.
-        half_width_m: of the search box around the prior, in x and y.
+        correlation: correlation at each position; NaN off the map.
+        half_width_m: half width of the search box around the prior, in x and y.
         prior, best, second, truth: positions; ``second`` is the runner-up.
-        at_best: the fix's correlation, where it is known.
-        prior_sigma_m: along the axes of its ellipse; ``prior_tilt_rad`` is their rotation from x and y.
-        origin: what the zero of the axes is.
+        at_best: correlation of the fix, if known.
+        prior_sigma_m, prior_tilt_rad: standard deviations along the axes of the prior's ellipse, and their rotation
+            from x and y.
+        origin: description of the zero of the axes.
         axes: names of x and y: east and north, or along and cross.
     """
 
@@ -194,9 +195,9 @@ class StageTimes:
     """Times of one stage.
 
     Attributes:
-        name: of the stage.
-        milliseconds: of each event; non-finite values are left out.
-        deadline_ms: to keep; None without one.
+        name: name of the stage.
+        milliseconds: duration of each event; non-finite values are left out.
+        deadline_ms: deadline; ``None`` without one.
     """
 
     name: str
@@ -209,8 +210,8 @@ class TimingPicture:
     """Stages of one system.
 
     Attributes:
-        title: of the picture.
-        stages: in the order of processing, at least one.
+        title: title of the picture.
+        stages: stages in the order of processing, at least one.
         note: measurement and machine, for the caption.
     """
 

@@ -28,10 +28,10 @@ class Points:
     """Measured values, drawn as one series.
 
     Attributes:
-        label: in the legend.
-        x, y: of each point.
+        label: label in the legend.
+        x, y: coordinates of each point.
         sigma: standard error of y; zeros if unknown.
-        fitted: the curve at x.
+        fitted: value of the curve at x.
     """
 
     label: str
@@ -46,8 +46,8 @@ class Curve:
     """A fitted curve.
 
     Attributes:
-        label: in the legend.
-        x, y: along the curve, x rising.
+        label: label in the legend.
+        x, y: points along the curve, x rising.
         low, high: 95 % band at each x.
     """
 
@@ -75,11 +75,11 @@ def draw_fitted_curve(
 
     Args:
         points: up to three series.
-        curve: what was fitted.
-        path: the PNG.
-        title, x_label, y_label, residual_label, caption: words.
-        residual_scale: from the unit of y to that of the residual axis.
-        force: replace a file that exists.
+        curve: fitted curve.
+        path: path of the PNG.
+        title, x_label, y_label, residual_label, caption: texts.
+        residual_scale: factor from the unit of y to that of the residual axis.
+        force: whether to replace an existing file.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -124,15 +124,15 @@ def _draw_series(
 
 @dataclass(frozen=True)
 class EncoderPicture:
-    """Contents of the picture.
+    """Contents of the picture of an encoder fit.
 
     Attributes:
-        counts, potentiometer_v: of every record, finite.
-        pause_counts, pause_v: mean of each pause.
-        rising: pauses reached with rising counts.
-        fitted_v: potentiometer by the fit at each pause, its turning direction included.
+        counts, potentiometer_v: encoder counts and potentiometer voltage of every record, finite.
+        pause_counts, pause_v: means of each pause.
+        rising: mask of pauses reached with rising counts.
+        fitted_v: potentiometer voltage by the fit at each pause, its turning direction included.
         line_counts, line_rising_v, line_falling_v: the fit for either direction.
-        v_per_rad: change of the potentiometer with the wheel angle, for residuals in degrees; ``None`` if not known.
+        v_per_rad: change of the potentiometer with the wheel angle, for residuals in degrees; ``None`` if unknown.
     """
 
     counts: Float[np.ndarray, " record"]
@@ -186,7 +186,7 @@ def draw_encoder_fit(shown: EncoderPicture, path: str | Path, *, caption: str, f
 
 
 def _residual_scale(v_per_rad: float | None) -> tuple[float, str]:
-    """From volts to the unit of the residuals."""
+    """Factor from volts to the unit of the residuals, and the unit."""
     return (1e3, "mV") if v_per_rad is None else (float(np.degrees(1.0 / abs(v_per_rad))), "degrees")
 
 
@@ -198,7 +198,7 @@ class ServoResponse:
     """Front wheel angles over time.
 
     Attributes:
-        time_s: of the records.
+        time_s: record times.
         command_rad: command to the servo.
         measured_rad: measured wheel angles.
         model_rad: the identified servo under the same commands.
@@ -266,8 +266,8 @@ class Branch:
 
     Attributes:
         east_m, north_m: fixes of the rear axle, in the order of driving, finite.
-        way_m: along the path at each fix, forward positive.
-        curvature_radpm: fitted, of the rear axle's path; a left turn is positive, in reverse too.
+        way_m: distance along the path at each fix, forward positive.
+        curvature_radpm: fitted curvature of the rear axle's path; a left turn is positive, in reverse too.
         front_rad: fitted front wheel angle.
     """
 

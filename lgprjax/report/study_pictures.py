@@ -31,13 +31,13 @@ _COLOURS = {"filter": BLUE, "smoother": GREEN, "threshold switch": VERMILLION}
 
 @dataclass(frozen=True)
 class FusionPicture:
-    """A drive, filtered.
+    """Results of the filter on a drive.
 
     Attributes:
-        time_s: of the ticks.
-        nis: normalised innovation squared, of GNSS, heading, odometer and LGPR.
-        offered: whether there was one.
-        accepted: by its gate.
+        time_s: tick times.
+        nis: normalised innovation squared of GNSS, heading, odometer and LGPR.
+        offered: whether there was an observation.
+        accepted: whether the gate accepted it.
         error_m: distance from the truth by name of the estimator; empty without truth.
     """
 
@@ -139,7 +139,7 @@ def _draw_fusion(detail: Any, path: Path, force: bool) -> None:
 
 
 def _draw_look_ahead(detail: Any, path: Path, force: bool) -> None:
-    # Found from logs it has what they told, else the sweep.
+    # A study from logs has the fit, else the sweep.
     if "fit" in detail._fields:
         draw_logged_look_ahead(detail, path, force)
         return

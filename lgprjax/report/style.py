@@ -104,10 +104,10 @@ def write_stretch_caption(axes: Axes, text: str, direction: str, metres_per_unit
     Call it last: the figure is laid out here, once, and not again when it is written.
 
     Args:
-        axes: the panel whose stretch is stated.
-        text: the caption's other sentences.
+        axes: panel whose stretch is stated.
+        text: other sentences of the caption.
         direction: name of the vertical, such as "Depth".
-        metres_per_unit: metres of one unit of the vertical axis.
+        metres_per_unit: length of one unit of the vertical axis, m.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -123,7 +123,7 @@ def write_stretch_caption(axes: Axes, text: str, direction: str, metres_per_unit
 
 
 def outer_edges(centres: Float[np.ndarray, " cell"]) -> tuple[float, float]:
-    """Where the first of evenly spaced cells begins and the last one ends; a single cell is one unit wide."""
+    """Start of the first and end of the last of evenly spaced cells; a single cell is one unit wide."""
     half = (centres[-1] - centres[0]) / (2 * (len(centres) - 1)) if len(centres) > 1 else 0.5
     return float(centres[0] - half), float(centres[-1] + half)
 

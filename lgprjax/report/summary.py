@@ -22,25 +22,27 @@ repeated here so that pictures need no accelerator library)."""
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSummary:
-    """Summary of a drive. ``None`` where unknown: no ok fix, no truth.
+    """Summary of a drive; figures are ``None`` without ok fixes or without truth.
 
     Errors are in the map frame, over the ok fixes whose truth is known (``judged`` of them). RMS compares with
     the 4.3 cm of Cornick et al. 2016, the means with Ort et al. 2020 (who fit a clock offset first; here none is).
 
     Attributes:
-        scans: of the drive; tried: those registered; ok: those with a position; counts: by code.
-        ok_fraction: of the tried.
-        median_correlation_ok, median_correlation_at_truth: of the ok fixes; of all scans at the true pose.
-        max_error_m: the largest distance from the truth.
-        remarks: further remarks, a line each.
-        place_assumed: whether the place on the earth of the drive, or of the map, is assumed.
-        search: that the drive was registered with, in words; empty in summaries of older versions.
-        risk: largest accepted probability of a false match; None likewise.
-        wrong_ok: of the judged, those with an error above ``WRONG_M``; for an impostor all ok fixes.
-        length_m: driven; this and the following are None in summaries of older versions.
-        median_sigma_along_m, median_sigma_cross_m: of the ok fixes.
-        median_offset_m: of the ok fixes from the position in the log.
-        median_off_line_m: of the positions in the log from the nearest line of the map, whose place is known.
+        scans, tried, ok: number of scans, of registered scans, and of scans with a position.
+        counts: number of scans by code.
+        ok_fraction: share of ok fixes among the tried scans.
+        median_correlation_ok, median_correlation_at_truth: median correlation of the ok fixes, and of all scans at the
+            true pose.
+        max_error_m: largest distance from the truth.
+        remarks: further remarks, one line each.
+        place_assumed: whether the geographic position of the drive, or of the map, is assumed.
+        search: description of the search; empty in summaries of older versions.
+        risk: largest accepted probability of a false match; ``None`` in summaries of older versions.
+        wrong_ok: number of judged fixes with an error above ``WRONG_M``; for an impostor all ok fixes.
+        length_m: distance driven; this and the following are ``None`` in summaries of older versions.
+        median_sigma_along_m, median_sigma_cross_m: median standard deviations of the ok fixes.
+        median_offset_m: median distance of the ok fixes from the position in the log.
+        median_off_line_m: median distance of the log's positions from the nearest line of a map with a known position.
     """
 
     name: str
@@ -72,7 +74,7 @@ class DriveSummary:
     median_off_line_m: float | None = None
 
     def as_rows(self) -> list[tuple[str, str]]:
-        """Label and value with its unit, for a table of one drive; what is not known is left out."""
+        """Label and value with unit, for a table of one drive; unknown values are left out."""
         declined = ", ".join(f"{n} {c}" for c, n in self.counts.items() if n and c not in ("ok", "no_window"))
         rows = [
             ("length", _length(self.length_m)),
@@ -101,7 +103,7 @@ class DriveSummary:
 
 
 def summary_of(told: Mapping[str, Any]) -> DriveSummary:
-    """What ``as_json`` wrote. Raises ``TypeError`` or ``KeyError`` for anything else."""
+    """Summary from the output of ``as_json``. Raises ``TypeError`` or ``KeyError`` for anything else."""
     return DriveSummary(**{**told, "remarks": tuple(told["remarks"])})
 
 
@@ -179,11 +181,11 @@ _OVERVIEW: tuple[tuple[str, Callable[[DriveSummary], str]], ...] = (
     ("ms/scan", lambda s: f"{s.milliseconds_per_scan:.2f}"),
 )
 _WITHOUT_ERRORS = ("length", "sigma cross-track", "sigma along-track", "offset from the log")
-"""Shown where no error is known."""
+"""Columns shown if errors are unknown."""
 
 
 def overview(summaries: Sequence[DriveSummary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header, and one row a drive, for terminal and page. What is known of no drive is left out."""
+    """Header, and one row per drive, for terminal and page; columns without any value are left out."""
     left_out = _WITHOUT_ERRORS if any(summary.judged for summary in summaries) else ()
     columns = [(title, *map(cell, summaries)) for title, cell in _OVERVIEW if title not in left_out]
     header, *rows = zip(*(each for each in columns if set(each[1:]) != {_UNKNOWN}), strict=True)
@@ -191,7 +193,7 @@ def overview(summaries: Sequence[DriveSummary]) -> tuple[tuple[str, ...], list[t
 
 
 def overview_caption(summaries: Sequence[DriveSummary]) -> str:
-    """How the figures of the overview are meant."""
+    """Caption that explains the figures of the overview."""
     if any(summary.judged for summary in summaries):
         return "Errors of the ok fixes in the map frame; wrong: error above 0.3 m."
     return "True poses unknown: no errors. Sigmas and offsets: medians of the ok fixes."
@@ -234,14 +236,14 @@ _COMPACT: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "columnspacin
 _LABELLED_SHARE = 0.07
 _LEAST_SPAN = 0.1
 """Least range of the margins, so that a drive with almost none is not magnified."""
-_NO_RISK = 4.0  # decades that the picture is laid out for where no risk is known
+_NO_RISK = 4.0  # decades of the picture's axis without a known risk
 _MOST_RISKS = 5.0
 """Evidence beyond this multiple of the required is drawn in the last bin."""
 
 
 @dataclass(frozen=True)
 class CodedDrive:
-    """What the picture of the codes needs of a drive, one value a scan: see ``DriveResult``."""
+    """Data of a drive for the picture of the codes, one value per scan: see ``DriveResult``."""
 
     name: str
     impostor: bool
@@ -267,13 +269,13 @@ def draw_codes(
     risks: Sequence[float | None],
     force: bool = False,
 ) -> None:
-    """Draw a row a drive: histograms of evidence, with the risk, and of margin, and the shares of the codes.
+    """Draw one row per drive: histograms of evidence, with the risk, and of margin, and the shares of the codes.
 
     Args:
-        results: at least one drive.
-        path: the PNG.
-        risks: largest accepted probability of a false match of each drive's search; None where it is unknown.
-        force: replace a file that exists.
+        results: results of at least one drive.
+        path: path of the PNG.
+        risks: largest accepted probability of a false match of each drive's search; ``None`` if unknown.
+        force: whether to replace an existing file.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.

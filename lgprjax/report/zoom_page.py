@@ -107,14 +107,14 @@ _MARKS = {
     "low_overlap": "ring",
     "non_finite": "plus",
 }
-"""Shapes of codes, so that they are told apart without colours, too."""
+"""Shapes of codes, which distinguish them without colours."""
 _MOST_SCANS = 20_000
 
 
 def write_drive_page(result: DriveResult, path: str | Path, *, force: bool = False) -> None:
     """Write a registered drive as a page that can be zoomed, with the numbers of the scan that is pointed at.
 
-    Scans without a fix of their own are left out; of a very long drive every so many are drawn, and all wrong ok fixes.
+    Scans without a fix of their own are left out; a very long drive is thinned, except for wrong ok fixes.
 
     Raises:
         InputError: the file exists (without ``force``) or cannot be written.
@@ -172,7 +172,7 @@ def _scan_panel(
     y: Float[np.ndarray, " scan"],
     lines: Sequence[tuple[str, np.ndarray, np.ndarray]] = (),
 ) -> _Panel | None:
-    """A panel of one value a scan; None where no scan has one."""
+    """A panel of one value per scan; None where no scan has one."""
     known = np.isfinite(x) & np.isfinite(y)
     if not known.any():
         return None

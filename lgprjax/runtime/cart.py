@@ -42,7 +42,7 @@ _STEP_S = 0.1
 _PIECE = 16_384
 """Ticks that are smoothed at once, some 27 minutes: one compiled size serves every log."""
 _SILENT_S = 30.0
-"""A longer silence parts a log: the cart's heading is known anew after it, and no ticks are made for it."""
+"""Longest gap within a part of a log; after a longer one the heading is found again, and the gap has no ticks."""
 _FIXED_SIGMA_M = 0.02
 _LEAST_SIGMA_M = 0.001
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -60,14 +60,14 @@ class _Heard(NamedTuple):
 
 
 class CartFixes(NamedTuple):
-    """Positions of an antenna, in the order of their times, which rise.
+    """Positions of an antenna, with rising times.
 
     Attributes:
-        utc_ns: of measurement.
-        latitude_deg, longitude_deg, height_m: WGS-84; the height is NaN where the receiver states none.
-        sigma_m: an axis.
-        quality: as ``Quality``.
-        notes: what was left out of the log or not believed, and why; each a line.
+        utc_ns: UTC of measurement, ns.
+        latitude_deg, longitude_deg, height_m: WGS-84 position; the height is NaN if the receiver states none.
+        sigma_m: standard deviation per axis.
+        quality: values of ``Quality``.
+        notes: records left out or distrusted, with reasons, one line each.
     """
 
     utc_ns: Int[np.ndarray, " fix"]
@@ -169,7 +169,7 @@ def _heard(data: bytes) -> tuple[list[_Heard], int]:
 
 
 def _date_notes(clock: DatedClock) -> list[str]:
-    """Dates that were not believed, in words."""
+    """Description of distrusted dates."""
     begin = datetime.fromtimestamp(float(clock.time_s[0]), UTC)
     notes = []
     for day, count in sorted(clock.other_dates.items()):
@@ -181,7 +181,7 @@ def _date_notes(clock: DatedClock) -> list[str]:
 
 
 def _row(each: _Heard) -> tuple[float, ...]:
-    """Place, sigma and quality of a position; a fixed one is known to 2 cm where no accuracy is stated."""
+    """Position, sigma and quality; a fixed position without stated accuracy has a sigma of 2 cm."""
     position = each.position
     assert position is not None
     fixed = position.quality is Quality.FIXED
@@ -197,14 +197,14 @@ def _begin_s(utc_s: Float[np.ndarray, " fix"]) -> Float[np.ndarray, " fix"]:
 
 
 def read_cart_run(path: str | Path, vehicle_file: str | Path, plan: PlanFile) -> CoverRun:
-    """A cart's log as a run by a plan, smoothed from both ends.
+    """Read a cart's log as a run of a plan, with poses smoothed forward and backward.
 
-    Every moment of which the heading is known counts: nobody measured whether the tool worked.
+    Every moment with a known heading counts, because the operation of the tool was not measured.
 
     Args:
-        path: of the receiver's log.
-        vehicle_file: of the cart: where its antenna and its tool are.
-        plan: of the field.
+        path: path of the receiver's log.
+        vehicle_file: path of the cart's vehicle file, with the positions of antenna and tool.
+        plan: plan of the field.
 
     Raises:
         InputError: as ``read_cart_fixes``, or the cart's tool is not the plan's.
@@ -240,13 +240,13 @@ def read_cart_run(path: str | Path, vehicle_file: str | Path, plan: PlanFile) ->
 
 
 def smooth_cart_run(run: CoverRun) -> CoverRun:
-    """A recorded run of a hand cart with its positions smoothed from both ends, once more from the receiver's bytes.
+    """A recorded run of a hand cart with its positions read again from the receiver's bytes and smoothed.
 
     Args:
-        run: from ``read_cover_run``.
+        run: run from ``read_cover_run``.
 
     Raises:
-        InputError: the recording, or the vehicle file that it was made with, cannot be used.
+        InputError: the recording, or its vehicle file, cannot be used.
     """
     clock, known = read_run(run.folder).clock, run.without_plan
     assert clock is not None  # as the run could be read
@@ -294,11 +294,11 @@ def _moments(
 
 
 class SmoothedPart(NamedTuple):
-    """Poses of a part of a log at even times, padded to a piece.
+    """Poses of a part of a log at even times, padded to a piece of fixed length.
 
     Attributes:
-        utc_ns: end of each tick, by the clock of the fixes.
-        quality: of the newest position.
+        utc_ns: end of each tick on the clock of the fixes, ns.
+        quality: quality of the newest position.
         smoothed: poses of the reference point.
     """
 
@@ -308,7 +308,7 @@ class SmoothedPart(NamedTuple):
 
     @property
     def ticks(self) -> int:
-        """Ticks without the padding."""
+        """Number of ticks without the padding."""
         return len(self.utc_ns)
 
 
@@ -320,12 +320,14 @@ def smoothed_parts(
     quality: Int[np.ndarray, " fix"],
     lever: tuple[float, float],
 ) -> Iterator[SmoothedPart]:
-    """Positions of an antenna smoothed from both ends, in parts between long silences.
+    """Positions of an antenna smoothed forward and backward, in parts between long gaps.
 
     Args:
-        utc_ns: of the positions, rising, by any clock; quality: see ``Quality``.
-        east_m, north_m: positions; sigma_m: of an axis.
-        lever: forward and left place of the antenna in the body, metres.
+        utc_ns: times of the positions, rising, on any clock, ns.
+        east_m, north_m: positions.
+        sigma_m: standard deviation per axis.
+        quality: see ``Quality``.
+        lever: position of the antenna in the body, forward and left, metres.
     """
     model = cart_model(gnss_x_m=lever[0], gnss_y_m=lever[1])
     smooth = jax.jit(lambda piece: smooth_cart(model, cart_rules(), _STEP_S, piece))
@@ -335,7 +337,7 @@ def smoothed_parts(
 
 
 class _Ticks(NamedTuple):
-    """Of a part: when each ends, quality of the newest position, and what is heard in it, padded to a piece."""
+    """Ticks of a part: end times, quality of the newest position, and observations, padded to a piece."""
 
     utc_ns: Int[np.ndarray, " tick"]
     quality: Int[np.ndarray, " tick"]

@@ -1,4 +1,4 @@
-"""What the operator chose and the run decided once: kept in memory, for a process that replaces one that died."""
+"""Choices of the operator and one-time decisions of the run, kept in memory for a process that replaces a dead one."""
 
 import json
 import time
@@ -49,7 +49,7 @@ class Choices:
             file.replace(self._file)
 
     def again(self) -> list[Record]:
-        """The operator's requests, anew."""
+        """The operator's requests, to be repeated."""
         asked = [{f"select_{name}": self._kept[name]} for name in ("route", "level") if name in self._kept]
         if "route" in self._kept and self._kept.get("place"):
             asked[0]["place"] = self._kept["place"]
@@ -58,7 +58,7 @@ class Choices:
 
     @property
     def level(self) -> float | None:
-        """The level of confidence chosen; ``None`` where none was."""
+        """The chosen level of confidence; ``None`` without one."""
         level: float | None = self._kept.get("level")
         return level
 

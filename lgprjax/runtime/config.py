@@ -52,11 +52,11 @@ class RadarTable(ConfigTable):
 
     Attributes:
         sweep: frequencies; None: the radar's own.
-        scan_period_us: from scan to scan; 0: as planned.
-        calibrate, look_up: request it before the start, with the array over the ground and pointed at empty space,
-            respectively.
-        calibration: X.radar.h5, in place of the look-up that the radar records itself.
-        channel_pitch_m, centre_frequency_mhz: of the array; in mode record, where no map states them.
+        scan_period_us: period of the scans; 0: as planned.
+        calibrate, look_up: whether to request a calibration and a look-up before the start, with the array over the
+            ground and pointed at empty space, respectively.
+        calibration: path of X.radar.h5, in place of the look-up that the radar records itself.
+        channel_pitch_m, centre_frequency_mhz: spacing and frequency of the array in mode record, without a map.
     """
 
     sweep: SweepTable | None = None
@@ -149,18 +149,19 @@ class ControlTable(ConfigTable):
 
 
 class CoverageTable(ConfigTable):
-    """A field that a skid-steer vehicle works.
+    """Work of a skid-steer vehicle on a field.
 
     Attributes:
-        plan: X.cover.geojson; without one the vehicle does not drive, what is worked by remote control is recorded, and
-            corners can be marked.
-        speed_mps: set speed that the buttons plus and minus lock.
+        plan: path of X.cover.geojson; without a plan the vehicle does not drive, work by remote control is recorded,
+            and corners can be marked.
+        speed_mps: set speed locked by the buttons plus and minus.
         guidance: control law along the plan.
         spare_m: extra room of the fence beyond the plan's, for stopping, uncertainty and tracking.
         cell_m: side of the cells of the worked map.
         level: probability from which the page shows a cell as worked.
-        shared_sigma_m: an axis, of the error that all positions share, of the base above all: added on the page's map.
-        resume: what the run takes up of earlier ones; written by ``run --resume``.
+        shared_sigma_m: standard deviation per axis of the error shared by all positions, mainly of the base; added on
+            the page's map.
+        resume: path of the work of earlier runs to resume; written by ``run --resume``.
     """
 
     plan: str | None = None
@@ -174,7 +175,7 @@ class CoverageTable(ConfigTable):
 
 
 class RecordingTable(ConfigTable):
-    """Where runs are recorded; ``mandatory``: without it the vehicle stops."""
+    """Recording of runs; ``mandatory``: the vehicle stops if recording fails."""
 
     folder: str = "runs"
     mandatory: bool = False
@@ -192,12 +193,12 @@ class DisplayTable(ConfigTable):
 
 
 class OutputTable(ConfigTable):
-    """The corrected position for others.
+    """Output of the corrected position.
 
     Attributes:
-        nmea_port, nmea_host: TCP port at which GGA, HDT and GST are given to every client; 0 takes a free one.
-        nmea_serial: serial line that they are written to.
-        rate_hz: of the sentences.
+        nmea_port, nmea_host: TCP port and address at which every client gets GGA, HDT and GST; 0: a free port.
+        nmea_serial: serial line of the sentences.
+        rate_hz: rate of the sentences.
         live_port, live_host: websocket of the live view for Foxglove; needs the extra live.
     """
 
@@ -223,14 +224,14 @@ class SimulationTable(ConfigTable):
     """The world of ``run --simulate``: an off-road course or a field, operator actions, and faults.
 
     Attributes:
-        length_m, weather, scan_share: of a course.
-        recording, gain_drift: of its radar: finished traces or stepped-frequency sweeps, and the change of the
+        length_m, weather, scan_share: length, weather and scan divisor of a course.
+        recording, gain_drift: data of its radar (finished traces or stepped-frequency sweeps), and the change of the
             receiver's gain over 20 minutes, half of it in the first 4.
-        in_view: of a radar of sweeps: the ground; nothing, or a metal plate, to calibrate it.
-        gnss_slow_m: sigma of the slow error of positions on a course, an axis; 0: of RTK with a base nearby.
+        in_view: view of a radar that records sweeps: the ground or, to calibrate it, empty space or a metal plate.
+        gnss_slow_m: standard deviation per axis of the slow position error on a course; 0: RTK with a base nearby.
         vehicle: numbers of the vehicle on a course that differ from those of ``scene.TrueVehicle``.
-        field: X.geojson from which a missing plan is made; of a field.
-        overlap, order, turning_room_m: of that plan, see ``lgprjax cover plan``.
+        field: path of X.geojson of a field, from which a missing plan is made.
+        overlap, order, turning_room_m: options of that plan, see ``lgprjax cover plan``.
         script: operator actions: times in seconds since the vehicle was ready, and buttons pressed.
         faults: see ``simulation.devices``.
     """
@@ -263,12 +264,12 @@ class CalibrationTable(ConfigTable):
     """A manoeuvre of a calibration; ``lgprjax calibrate`` writes it.
 
     Attributes:
-        step: its name.
-        prompt: what the crew does, a line each; for the page.
-        commands: what the software moves once the operator has engaged it; none: the manoeuvre is driven by hand.
+        step: name of the step.
+        prompt: instructions to the crew, one line each, for the page.
+        commands: actuators that the software moves once engaged; none: the manoeuvre is driven by hand.
         amplitude_rad: largest front angle of a commanded manoeuvre.
-        fastest_mps: of a commanded manoeuvre, once the brake has been seen to act; before, 2 m/s.
-        area_m: distance that the vehicle may go from where it was engaged.
+        fastest_mps: largest speed of a commanded manoeuvre, once the brake has been proven; before, 2 m/s.
+        area_m: largest distance of the vehicle from the place of engagement.
     """
 
     step: str
@@ -280,10 +281,10 @@ class CalibrationTable(ConfigTable):
 
 
 class RuntimeConfig(ConfigTable):
-    """Everything of a ``CONFIG.toml``.
+    """Contents of a ``CONFIG.toml``.
 
     Attributes:
-        file: its path.
+        file: path of the file.
         mode: drive: along routes, with map and radar or by GNSS/INS alone, or in a field; record: radar, positions and
             odometry, without commands, or with ``coverage`` a hand cart with a GNSS receiver alone; calibrate: a
             manoeuvre of ``[calibration]``.
@@ -375,10 +376,10 @@ class RuntimeConfig(ConfigTable):
 
 
 def read_config(path: str | Path) -> RuntimeConfig:
-    """A configuration from its file.
+    """Read a configuration.
 
     Raises:
-        InputError: it is missing, not TOML, of another kind, or a key is unknown, missing or not as expected.
+        InputError: the file is missing, not TOML or of another kind, or a key is unknown, missing or has a wrong value.
     """
     file = Path(path)
     table = load_toml(file)
@@ -394,7 +395,7 @@ _OTHER_FILES = {
     "kind": "a study file of lgprjax tune",
     "drive": "a site file of lgprjax simulate",
 }
-"""What a TOML file of this project is that has a key."""
+"""Kind of another TOML file of this project, by a key that it has."""
 
 
 # A configuration as text: the file that a run is started from, with its lines and paths.
@@ -404,7 +405,7 @@ def write_config(path: Path, config: RuntimeConfig) -> None:
     """Write a configuration with absolute paths, replacing the file.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
     from lgprjax.formats.store import atomic_output  # reading a configuration must not import HDF5
 
@@ -436,7 +437,7 @@ def _lines(table: dict[str, Any], prefix: str) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """A JSON text or number is TOML's, too; a table in a list stands on its line."""
+    """TOML text of a value; JSON texts and numbers are valid TOML, and a table in a list is written inline."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{json.dumps(name)} = {_value(inner)}" for name, inner in value.items()) + " }"
     if isinstance(value, list):

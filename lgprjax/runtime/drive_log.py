@@ -46,16 +46,16 @@ from lgprjax.runtime.gnss import is_position, read_gnss
 from lgprjax.vehicle import VehiclePose
 
 _SIGMA_HEIGHT, _SIGMA_ROLL_DEG = 2.0, 0.2
-"""Of heights in sigmas of positions, and of roll: no message states them."""
+"""Standard deviations of heights, in sigmas of positions, and of roll, which no message states."""
 _UNSURE_RAD = math.radians(5.0)
 """A heading of which the receiver states a larger sigma is not used."""
 _MOVING_MPS = 0.1
 _HEADING_NS = 300_000_000
-"""Headings farther apart say nothing of a position between them."""
+"""Largest gap between headings that are interpolated at a position between them, ns."""
 _PIECE, _AHEAD = 8_192, 2_048
-"""Ticks that are smoothed at once, and those after them that are looked at as well: 164 s and 41 s."""
+"""Ticks smoothed at once, and following ticks used as well: 164 s and 41 s."""
 _EVERY = 5
-"""Of the ticks, one in so many becomes a pose: ten a second."""
+"""Ticks per pose, which gives ten poses per second."""
 _SIDE_NOISE = 0.5
 """Random walk across the body axis, m/√s, of a vehicle whose steering is not known yet."""
 _LONGEST_STEP_S = 0.5
@@ -90,12 +90,12 @@ def drive_of_run(
     """Write a run as a drive log.
 
     Args:
-        reading: of the run.
-        config: of the run.
-        output: ``X.drive.h5``.
-        map_file, vehicle_file: where they have moved.
-        calibration: of the radar, in place of that of the configuration.
-        force: replace an output that exists.
+        reading: reading of the run.
+        config: configuration of the run.
+        output: path of ``X.drive.h5``.
+        map_file, vehicle_file: present paths, if the files have moved.
+        calibration: calibration of the radar, in place of that of the configuration.
+        force: whether to replace an existing output.
 
     Raises:
         InputError: as ``write_run_drive``; or a file of the run cannot be used.
@@ -137,12 +137,12 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
 
     With a gyro and headings of the receiver, positions, headings, turn rates and odometry go through the navigation
     filter of the vehicle and its smoother (``navigation.step_filter``, ``smooth_estimates``). Without them the
-    positions alone are smoothed from both ends, as of a cart (``navigation.smooth_cart``).
+    positions alone are smoothed, as for a cart (``navigation.smooth_cart``).
 
     Args:
-        reading: of the run.
-        config: of the run.
-        vehicle: for the place of the antenna; ``None``: the antenna is the body origin.
+        reading: reading of the run.
+        config: configuration of the run.
+        vehicle: vehicle with the position of the antenna; ``None``: the antenna is the body origin.
 
     Raises:
         InputError: the run has no clock, fewer than two positions, or too little motion to know a heading.
@@ -172,14 +172,14 @@ def recorded_tracks(reading: RunReading, config: RuntimeConfig, vehicle: Vehicle
 
 
 def measured_tracks(reading: RunReading, config: RuntimeConfig, vehicle: VehicleFile | None) -> RecordedTracks:
-    """Poses of the body origin at the receiver's own positions, not smoothed: their errors are those that it states.
+    """Poses of the body origin at the receiver's own positions, not smoothed, with the stated errors.
 
-    Fits of a calibration weigh measurements by their errors; smoothed poses share theirs.
+    Fits of a calibration weigh measurements by their errors, and errors of smoothed poses are correlated.
 
     Args:
-        reading: of the run.
-        config: of the run.
-        vehicle: for the place of the antenna.
+        reading: reading of the run.
+        config: configuration of the run.
+        vehicle: vehicle with the position of the antenna.
 
     Raises:
         InputError: the run has no clock, or fewer than two positions with a heading.
@@ -235,13 +235,14 @@ class _Ticks(NamedTuple):
 
 
 class _Sensed(NamedTuple):
-    """What the lines said: positions and attitudes, both with rising times, and the inputs of each tick.
+    """Data of the lines: positions and attitudes, both with rising times, and the inputs of each tick.
 
     Attributes:
-        frame: anchored at the first plausible position.
-        left_out: other positions, in words.
-        places, attitudes: of the receiver.
-        tick_ns: when each tick began; ticks: its inputs.
+        frame: frame anchored at the first plausible position.
+        left_out: description of the positions left out.
+        places, attitudes: positions and attitudes of the receiver.
+        tick_ns: start time of each tick, ns.
+        ticks: inputs of each tick.
     """
 
     frame: LocalFrame
@@ -317,10 +318,10 @@ def _frame_of_plan(reading: RunReading) -> LocalFrame | None:
 
 
 def _frame_of(reading: RunReading) -> tuple[LocalFrame, set[int], str]:
-    """A frame at the first plausible position, numbers of the records with implausible ones, and these in words.
+    """Frame at the first plausible position, numbers of the records with implausible ones, and their description.
 
     Raises:
-        InputError: there is none.
+        InputError: there is no plausible position.
     """
     found: list[tuple[int, float, float, float, float]] = []
     for number, record in enumerate(_records(reading)):
@@ -349,7 +350,7 @@ def _by_filter(sensed: _Sensed, vehicle: VehicleFile | None, lever: tuple[float,
 
 
 def _stretches(ticks: _Ticks) -> Iterator[slice]:
-    """Ticks without a pause of the control process or a silence of the gyro: nobody knows how far it turned then."""
+    """Stretches of ticks between pauses of the control process and gaps of the gyro, in which the turn is unknown."""
     silent = ~np.isfinite(ticks.yaw_rate_radps)
     begins = np.flatnonzero(np.diff(silent, prepend=not silent[0]))
     dropped = np.zeros(len(silent), bool)
@@ -436,7 +437,7 @@ def _smoothed(
 
 
 def _by_positions(sensed: _Sensed, lever: tuple[float, float]) -> _Poses:
-    """From the positions alone."""
+    """Poses from the positions alone."""
     places = sensed.places
     time_ns = np.array([place.time_ns for place in places], np.int64)
     x, y, sigma = (np.array(values) for values in zip(*((p.x_m, p.y_m, p.reported_m) for p in places), strict=True))

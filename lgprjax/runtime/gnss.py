@@ -20,7 +20,7 @@ from lgprjax.wire import KEPT, RefusalReason, RefusedBytes
 
 
 class Quality(IntEnum):
-    """Of a position."""
+    """Quality of a position."""
 
     NONE = 0
     SINGLE = 1
@@ -32,11 +32,11 @@ class GnssPosition(NamedTuple):
     """A position of the antenna or of the receiver's configured point.
 
     Attributes:
-        tow_s: time of week or day, by the sample's scale.
+        tow_s: time of week or day, on the sample's scale.
         latitude_deg, longitude_deg, height_m: WGS-84, ellipsoidal; NaN if the quality is ``NONE``, the height also if
             the receiver states no geoid separation.
-        sigma_m: horizontal, of one axis; NaN if not stated.
-        quality: of the position.
+        sigma_m: horizontal standard deviation per axis; NaN if not stated.
+        quality: quality of the position.
     """
 
     tow_s: float
@@ -86,7 +86,7 @@ class GnssSample(NamedTuple):
     """Contents of one message; exactly one part is present.
 
     Attributes:
-        scale: of the part's ``tow_s``.
+        scale: time scale of the part's ``tow_s``.
     """
 
     scale: GnssTimeScale
@@ -307,7 +307,7 @@ class GnssParser:
 
 
 def _message_at(buffer: bytearray, at: int) -> int | tuple[RefusalReason] | None:
-    """End of the message that begins at ``at``, why there is none, or ``None`` if it is incomplete."""
+    """End of the message that begins at ``at``, the reason of its refusal, or ``None`` if it is incomplete."""
     if buffer[at] == ord("$"):
         return _sentence_at(buffer, at)
     if buffer.startswith(_GNSS_UBX[: len(buffer) - at], at):

@@ -65,10 +65,10 @@ def look_at_computer(folder: Path, pids: dict[str, int], clock_step_s: float, ro
     """Present state of the computer.
 
     Args:
-        folder: of the recording.
-        pids: process numbers by name; 0 if not running.
-        clock_step_s: as measured by the caller.
-        root: above ``proc`` and ``sys``.
+        folder: folder of the recording.
+        pids: process IDs by name; 0 if not running.
+        clock_step_s: clock step measured by the caller.
+        root: parent folder of ``proc`` and ``sys``.
     """
     rss_mb = {name: memory for name, pid in pids.items() if (memory := _rss_mb(root, pid)) is not None}
     step_s = round(clock_step_s, 3) if abs(clock_step_s) >= _STEP_S else 0.0

@@ -48,18 +48,18 @@ class Port(Generic[Item]):
     Args:
         source: ``records.Source`` of the arrivals.
         url: a serial device, or ``socket://host:port``.
-        baud: of a serial device.
-        parser: of incoming bytes.
-        receiver: judges frames; the others are refused.
-        capacity: messages that wait for ``take``; the oldest are dropped.
+        baud: baud rate of a serial device.
+        parser: parser of incoming bytes.
+        receiver: rules that accept or refuse frames.
+        capacity: largest number of messages waiting for ``take``; the oldest are dropped.
 
     Attributes:
         opened: whether the line is open.
-        problem: why it is not, ``""`` if it is.
+        problem: reason why the line is not open, ``""`` if it is.
         openings: number of times it was opened.
-        last_arrival_ns: arrival of the last accepted message; 0 before the first.
-        lost: messages not taken in time.
-        unsent: frames not sent: too old, or replaced by newer ones.
+        last_arrival_ns: arrival of the last accepted message, ns; 0 before the first.
+        lost: number of messages not taken in time.
+        unsent: number of frames not sent: too old, or replaced by newer ones.
         refused: number of refusals, by ``Reason`` or ``FrameVerdict``.
     """
 
@@ -93,7 +93,7 @@ class Port(Generic[Item]):
 
     @staticmethod
     def frames(source: int, url: str, baud: int, line: str, *, capacity: int = 512) -> "Port[Frame]":
-        """The port of a line that speaks ``data_schema/wire.toml``: ``radar``, ``drive_by_wire`` or ``controller``."""
+        """The port of a line of ``data_schema/wire.toml``: ``radar``, ``drive_by_wire`` or ``controller``."""
         return Port(source, url, baud, FrameParser(), receiver=Receiver(line), capacity=capacity)
 
     def take(self) -> list[Arrival[Item]]:
@@ -182,7 +182,7 @@ class Port(Generic[Item]):
             self._refused.append(Arrival(arrival_ns, refused))
 
     def _send(self, fd: int) -> None:
-        """Send as much as the line accepts now; a frame once begun is finished, however late."""
+        """Send as much as the line accepts now; a begun frame is always finished."""
         while True:
             if self._rest and not self._begun and time.monotonic_ns() - self._rest_ns > _SEND_WITHIN_NS:
                 self.unsent += 1

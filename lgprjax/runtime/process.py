@@ -44,8 +44,8 @@ RINGS = {
 
 
 def processes_of(config: RuntimeConfig) -> tuple[str, ...]:
-    """Processes of a run: neither a field nor a calibration needs a radar, a course needs no worked map; output only
-    where it is asked for.
+    """Processes of a run: neither a field nor a calibration needs a radar, a course needs no worked map; output runs
+    only if configured.
     """
     without = {"coverage" if config.coverage is None else "registration"}
     without |= {"registration"} if config.ports.radar is None or config.mode == "calibrate" else set()
@@ -76,7 +76,7 @@ class HeartbeatRow:
 
 
 class Heartbeats:
-    """The table of heartbeats: one row a process, which only that process writes."""
+    """The table of heartbeats: one row per process, which only that process writes."""
 
     def __init__(self, folder: Path) -> None:
         path = folder / "heartbeats"
@@ -102,7 +102,7 @@ class Heartbeats:
 
 
 UNUSABLE_INPUT = 4
-"""Exit status of a process whose configuration, or a file of it, cannot be used: it has said why."""
+"""Exit status of a process whose configuration, or a file of it, cannot be used; the process has printed the reason."""
 
 
 @dataclass
@@ -110,11 +110,11 @@ class Started:
     """Arguments of a process's ``run``.
 
     Attributes:
-        name: of the process.
-        config: of the run.
+        name: name of the process.
+        config: configuration of the run.
         rings: folder of the rings and of the heartbeats, in memory.
-        folder: of the run, for the recording.
-        after_death: it replaces one that died.
+        folder: folder of the run, for the recording.
+        after_death: whether the process replaces a dead one.
     """
 
     name: str
@@ -132,7 +132,7 @@ class Started:
         return Ring.create(self.rings / name, RINGS[name])
 
     def beat(self, stage: ProcessStage) -> None:
-        """To be called by the process's own loop, not by another thread: a hanging loop must be noticed."""
+        """Send a heartbeat; call it in the process's own loop, not in another thread, so that hangs are detected."""
         self._count += 1
         self._beats.beat(self.name, stage, os.getpid(), self._count)
 
@@ -172,9 +172,9 @@ def run_in_real_time(name: str, priority: int, *, threads_too: bool) -> None:
     """Use real-time (FIFO) priority; prints a line if the machine does not permit it.
 
     Args:
-        name: of the process.
-        priority: 1 to 99.
-        threads_too: threads and processes that are started later inherit it.
+        name: name of the process.
+        priority: priority, 1 to 99.
+        threads_too: whether threads and processes started later inherit it.
     """
     if sys.platform != "linux":
         return
@@ -239,7 +239,7 @@ def only_instance(config: RuntimeConfig, run_folder: Path) -> Iterator[None]:
     The kernel releases them when the process ends.
 
     Raises:
-        InputError: another process holds one of them; the message says which.
+        InputError: another process holds one of them; the message names it.
     """
     # The line whose device only one run may have: that of the commands, or of a run that only records, its first.
     name = next(name for name in ("drive_by_wire", "gnss", "radar") if getattr(config.ports, name) is not None)

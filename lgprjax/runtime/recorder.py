@@ -130,9 +130,9 @@ class Resume(NamedTuple):
 
     Attributes:
         run: UUID of the run, 16 bytes.
-        segment, number: the next ones.
-        last: of each ring, by origin: end and data of the last record on disk.
-        dropped: lost messages by ring known in the recording.
+        segment, number: number of the next segment and of the next record.
+        last: end and data of each ring's last record on disk, by origin.
+        dropped: number of lost messages by ring, as recorded.
     """
 
     run: bytes
@@ -143,7 +143,7 @@ class Resume(NamedTuple):
 
 
 def resume(folder: Path) -> Resume:
-    """State of the run in a folder; a new run if there is none.
+    """State of the run in a folder; a new run without one.
 
     Only the last segment with records is read: records of an earlier one were released by their rings long ago.
 
@@ -218,14 +218,14 @@ class SegmentWriter:
     """Writes a run, starting at a segment and a record number.
 
     Args:
-        folder: of the run.
-        run: its UUID.
-        segment: the first to write; its file must not exist.
-        number: of the next record.
+        folder: folder of the run.
+        run: UUID of the run.
+        segment: number of the first segment to write; its file must not exist.
+        number: number of the next record.
         segment_s: duration of a segment.
 
     Raises:
-        OSError: the disk refuses, here and in every method.
+        OSError: a disk error, here and in every method.
     """
 
     def __init__(self, folder: Path, run: bytes, segment: int, number: int, segment_s: float) -> None:
@@ -242,7 +242,7 @@ class SegmentWriter:
         self.number += 1
 
     def note(self, what: dict[str, object]) -> None:
-        """Add a record of the recorder's own."""
+        """Add the recorder's own record."""
         self.append(OWN, 0, json.dumps(what).encode())
 
     def write(self) -> None:
@@ -305,10 +305,10 @@ class Recorder:
     """The rings of a run and its segments.
 
     Args:
-        started: of the process.
+        started: arguments of the process.
 
     Raises:
-        OSError: the disk refuses, here and in every method.
+        OSError: a disk error, here and in every method.
     """
 
     def __init__(self, started: Started) -> None:
@@ -320,8 +320,8 @@ class Recorder:
         if started.after_death:
             # Records written but not released by the previous recorder are not recorded twice.
             for origin, last in before.last.items():
-                # If that one died before its first write, the last on disk are of earlier rings, where the same count
-                # of bytes means another record: only the record itself tells that it is this ring's.
+                # If that recorder died before its first write, the last records on disk are of earlier rings, where the
+                # same byte count means another record: only the record's data identifies it as this ring's.
                 if last in self._rings[origin].peek().messages:
                     self._rings[origin].release(last[0])
         # Damage found by the previous recorder, and losses of rings that no longer exist.

@@ -20,10 +20,10 @@ class Replayed(NamedTuple):
     """Result of a replay.
 
     Attributes:
-        ticks: replayed.
-        frames: sent in them, as recorded.
-        differing: of these, with differences.
-        first: tick and line of the first of them; ``None`` where there is none.
+        ticks: number of replayed ticks.
+        frames: number of recorded frames sent in them.
+        differing: number of these frames with differences.
+        first: tick and line of the first difference; ``None`` without any.
         starts: number of starts of the control process.
         broken: tick after a gap of records at which the replay of a start ended early, or ``None``.
     """
@@ -47,11 +47,11 @@ def replay_run(folder: Path, progress: Callable[[int], None] = lambda _: None) -
     """Replay the run in a folder.
 
     Args:
-        folder: of the run; its files (vehicle, map, routes) must be those that it was driven with.
-        progress: called for every tick.
+        folder: folder of the run; its files (vehicle, map, routes) must be unchanged since the run.
+        progress: function called for every tick.
 
     Raises:
-        InputError: no run, or none of the control loop in it; it is of another version, or a file has changed.
+        InputError: there is no run, or no control loop in it; it is of another version, or a file has changed.
     """
     totals = [0, 0, 0]
     first: tuple[int, str] | None = None
@@ -115,7 +115,7 @@ def starts_of_run(folder: Path) -> Iterator[tuple[dict[str, Any], Iterator[_Tick
 
 
 def _records(folder: Path) -> Iterator[Record]:
-    """Of the control loop, in order: the recording interleaves them with those of other processes."""
+    """Records of the control loop in order; the recording interleaves them with those of other processes."""
     for _, data in read_run(folder):
         record = unpack(data)
         of_control = record.tick > 0 or (record.kind is RecordKind.HEADER and record.source is Source.CONTROL)

@@ -35,10 +35,10 @@ class Ring:
     """One end of a ring. Bytes written and read are counted from the ring's beginning and never decrease.
 
     Args:
-        path: its file.
+        path: file of the ring.
 
     Attributes:
-        damaged: entries that this end found damaged and skipped.
+        damaged: number of entries that this end found damaged and skipped.
     """
 
     def __init__(self, path: str | Path) -> None:

@@ -1,6 +1,6 @@
-"""Supervisor and service manager: no process outlives the supervisor, and the manager is notified.
+"""Connection to the service manager: no process outlives the supervisor, and the manager is notified.
 
-Standard library only: it is imported first.
+Standard library only, because it is imported first.
 """
 
 import ctypes
@@ -37,7 +37,7 @@ class Notifier:
     A datagram that does not fit into the manager's socket is dropped: the next one repeats it.
 
     Args:
-        address: of the socket, ``@`` first for one in the abstract name space; by default ``NOTIFY_SOCKET`` of the
+        address: address of the socket, with ``@`` first in the abstract name space; by default ``NOTIFY_SOCKET`` of the
             environment.
     """
 
@@ -71,7 +71,7 @@ class Notifier:
         self._send("STOPPING=1")
 
     def close(self) -> None:
-        """No notifications after this."""
+        """End the notifications."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -43,9 +43,9 @@ class SmoothedPoses(NamedTuple):
     """Poses of a run's ticks.
 
     Attributes:
-        mono_ns: of each tick; rising.
-        live, pose: x_m, y_m and yaw_rad, as they were and smoothed; covariance: of the latter, with what later evidence
-            contradicts.
+        mono_ns: time of each tick, rising, ns.
+        live, pose: x_m, y_m and yaw_rad, live and smoothed.
+        covariance: covariance of the smoothed pose, enlarged by contradictions of later evidence.
     """
 
     mono_ns: Int[np.ndarray, " tick"]
@@ -57,13 +57,13 @@ class SmoothedPoses(NamedTuple):
 def smooth_run(run: CoverRun) -> tuple[CoverRun, SmoothedPoses]:
     """A run with the poses of its moments smoothed, and the poses of all ticks.
 
-    A moment of which no tick is known stays as it was.
+    A moment without a known tick is unchanged.
 
     Args:
-        run: from ``read_cover_run``.
+        run: run from ``read_cover_run``.
 
     Raises:
-        InputError: the recording, or a file that it was driven with, cannot be used.
+        InputError: the recording, or a file of the run, cannot be used.
     """
     folder = run.folder
     reading = read_run(folder)
@@ -122,7 +122,7 @@ def _smoothed(model: SkidModel, rules: GateRules, times: np.ndarray, numbers: np
     parts = []
     for begin in range(0, len(numbers), _PIECE):
         part = numbers[begin : begin + _PIECE + _AHEAD]
-        # Ticks of no length, in which nothing is heard, change nothing.
+        # Ticks of no length without observations change nothing.
         padded = np.concatenate([part, np.zeros((_PIECE + _AHEAD - len(part), 11), np.float32)])
         drive = _smooth(model, rules, state, jnp.asarray(padded))
         kept = min(_PIECE, len(part))

@@ -114,14 +114,14 @@ class GnssTimeScale(IntEnum):
 
 
 class WeekClock:
-    """A ``StampClock`` for times of week or of day: they restart, and leap seconds set the day's back.
+    """A ``StampClock`` for times of week or day, which restart, and which leap seconds set back.
 
     Args:
-        scale: of the times; not ``NONE``.
-        delay_s, late_s: the ``StampClock``'s.
+        scale: time scale; not ``NONE``.
+        delay_s, late_s: arguments of the ``StampClock``.
 
     Attributes:
-        clock: the ``StampClock``.
+        clock: underlying ``StampClock``.
     """
 
     def __init__(self, scale: GnssTimeScale, delay_s: float = 0.0, late_s: float = 0.2) -> None:
@@ -131,7 +131,7 @@ class WeekClock:
         self._end_s = scale + (scale is GnssTimeScale.UTC_DAY)
 
     def feed(self, time_s: float, arrival_ns: int) -> int | None:
-        """Monotonic time, ns, of the sample of ``time_s`` seconds of the week or day; ``None`` where it is rejected."""
+        """Monotonic time, ns, of the sample of ``time_s`` seconds of the week or day; ``None`` if it is rejected."""
         if not (math.isfinite(time_s) and 0.0 <= time_s < self._end_s):
             self.clock.rejected += 1
             return None

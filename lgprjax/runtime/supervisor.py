@@ -67,8 +67,8 @@ class ProcessReports(NamedTuple):
 
     Attributes:
         what: ready after a start or a relaunch, died, or left dead.
-        name: of the process.
-        why: how it died or why it is not restarted, in words; empty for ready.
+        name: name of the process.
+        why: description of its death, or why it is not restarted; empty for ready.
     """
 
     what: What
@@ -88,15 +88,15 @@ class Child:
     """A supervised process. Times are of the monotonic clock, in seconds.
 
     Args:
-        name: of the process.
-        command: its command line; the argument tells whether it replaces one that died.
-        environment: of the process.
-        beats: its heartbeats.
+        name: name of the process.
+        command: function that returns its command line; the argument says whether it replaces a dead process.
+        environment: environment of the process.
+        beats: heartbeats of the process.
         limits: time limits.
 
     Attributes:
-        ready, left, died_before: its state; died at least once.
-        input_refused: it ended last because its input cannot be used.
+        ready, left, died_before: whether it is ready, is left dead, and died at least once.
+        input_refused: whether its last end was a refusal of its input.
     """
 
     def __init__(
@@ -132,17 +132,17 @@ class Child:
 
     @property
     def state(self) -> What | None:
-        """Its last state change; ``None`` before the first."""
+        """Last state change; ``None`` before the first."""
         if self.ready:
             return What.READY
         return What.LEFT if self.left else What.DIED if self.died_before else None
 
     def look(self, now_s: float, passed_s: float) -> list[ProcessReports]:
-        """New state changes; starts it when due, kills it if it hangs.
+        """New state changes; starts the process when due, kills it if it hangs.
 
         Args:
-            now_s: time of this look.
-            passed_s: since the previous call.
+            now_s: present time.
+            passed_s: time since the previous call.
         """
         if self._process is None:
             return self._launch(now_s) if not self.left and now_s >= self._due_s else []
@@ -159,7 +159,7 @@ class Child:
         return self._died(now_s, f"signal {-status}" if status < 0 else f"exit {status}")
 
     def end(self) -> None:
-        """Ask it to end; a stopped one is continued to receive the signal."""
+        """Signal the process to end; a stopped one is continued to receive the signal."""
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
             self._process.send_signal(signal.SIGCONT)
@@ -176,7 +176,7 @@ class Child:
         self._reported_dead = self.ready = False
         self._silent_s, self._count, self._started_s = 0.0, 0, now_s
         try:
-            # A group of its own: signals of a terminal reach the supervisor alone, which ends them in order.
+            # A separate group: signals of a terminal reach the supervisor alone, which ends the processes in order.
             self._process = subprocess.Popen(
                 self._command(self.died_before), env=self._environment, stdin=subprocess.DEVNULL, process_group=0
             )
@@ -228,7 +228,7 @@ class Child:
 
 
 def end_children(children: Sequence[Child], limit_s: float) -> None:
-    """Ask processes to end and wait; those still running after ``limit_s`` seconds are killed."""
+    """Signal processes to end and wait; those still running after ``limit_s`` seconds are killed."""
     for child in children:
         child.end()
     until_s = time.monotonic() + limit_s
@@ -270,7 +270,7 @@ class Ready(NamedTuple):
 
     @property
     def line(self) -> str:
-        """For a person."""
+        """Text for the operator."""
         without = f" without {', '.join(self.missing)}" if self.missing else ""
         return f"ready after {self.after_s:.1f} s{without}"
 
@@ -300,15 +300,15 @@ def supervise(
     """Run the processes of a vehicle until SIGTERM, SIGINT or SIGHUP; from the main thread.
 
     Args:
-        config: of the run; the processes read it anew from its file.
-        run_folder: of the run.
+        config: configuration of the run; the processes read it again from its file.
+        run_folder: folder of the run.
         rings: folder of the rings, in memory, see ``make_rings_folder``; removed at the end; if the run is refused,
             only if it is empty.
-        ready: called once, when all required processes are ready.
-        command: how a process is started.
+        ready: function called once, when all required processes are ready.
+        command: function that returns a process's command line.
 
     Returns:
-        The exit status: 0; 1 where the control process cannot use its input and never was ready.
+        The exit status: 0; 1 if the control process cannot use its input and never was ready.
 
     Raises:
         InputError: another run holds the device or the folder, a core is missing, or there is not enough memory for the
@@ -338,7 +338,7 @@ class _Supervisor:
         self._start_s = config.supervision.start_s
         self._notes, self._log = (Ring.create(rings / name, RINGS[name]) for name in ("notes", "supervisor_log"))
         self._untold: set[str] = set()
-        """Processes whose last change only a dead control process was told."""
+        """Processes whose last change was reported only to a dead control process."""
         beats = Heartbeats(rings)
         self._children = {
             name: Child(
@@ -393,7 +393,7 @@ class _Supervisor:
         self._notifier.status(f"without {', '.join(missing)}" if missing else "all processes ready")
 
     def _tell_anew(self, control: What) -> None:
-        """A new control process is told how the others are: the dead one took the notes of it with it."""
+        """Resend the processes' states to a new control process, because the old one lost them."""
         if control is not What.READY:
             self._untold = {name for name in self._children if name != "control"}
             return
@@ -459,7 +459,7 @@ def _make_rings(rings: Path) -> None:
 
 @contextmanager
 def _end_signals() -> Iterator[list[int]]:
-    """The signals that ask for an orderly end, as they come in."""
+    """The signals that request an orderly end, as they arrive."""
     end_requested: list[int] = []
     before = {number: signal.signal(number, lambda number, _: end_requested.append(number)) for number in _ENDED_BY}
     try:
@@ -483,8 +483,8 @@ def _priority(config: RuntimeConfig) -> Iterator[None]:
 
 
 def _say(line: str, stream: TextIO) -> None:
-    # A reader that is gone must not end the supervision, and one that does not read must not hold it up: what is
-    # writable takes a line.
+    # A closed reader must not end the supervision, and a stalled one must not block it: lines are written only to
+    # writable streams.
     with suppress(OSError, ValueError):
         if select.select([], [stream], [], 0.0)[1]:
             print(line, file=stream, flush=True)

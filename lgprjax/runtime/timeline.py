@@ -21,18 +21,18 @@ _SHOWN = {
     Event.ERROR_CLEARED.name,
     Event.DRIVE_BY_WIRE_RELAUNCHED.name,
 }
-"""Events that are told though they change no mode."""
+"""Events that are shown although they change no mode."""
 _SLOWLY, _FREE = "speed limited: ", "speed no longer limited"
 
 
 class TimelineEntry(NamedTuple):
-    """Something that happened.
+    """An event of a run.
 
     Attributes:
-        time_s: since the first record of the run.
+        time_s: time since the first record of the run.
         kind: process, mode, error, check, refused, slow, stop, radar, route, arrived, or note.
-        text: in plain words, with its cause.
-        mode: of the autopilot from then on; empty before the first.
+        text: description with its cause.
+        mode: mode of the autopilot from then on; empty before the first.
     """
 
     time_s: float
@@ -45,12 +45,13 @@ class Timeline(NamedTuple):
     """A run's course.
 
     Attributes:
-        entries: in their order.
-        seconds: from the first record to the last.
-        engaged: the autopilot drove at some time; arrived: it drove to the end of its route or plan.
-        to_go_m: to that end at the last tick in which the autopilot drove; NaN if it never did.
-        end: why the recording ended; None if it was interrupted.
-        only_recorded: the run was of mode record: nothing was to be driven.
+        entries: events in their order.
+        seconds: time from the first to the last record.
+        engaged: whether the autopilot drove at any time.
+        arrived: whether it drove to the end of its route or plan.
+        to_go_m: distance to that end at the last tick under autopilot; NaN if it never drove.
+        end: reason of the recording's end; ``None`` if it was interrupted.
+        only_recorded: whether the run was of mode record, without driving.
     """
 
     entries: tuple[TimelineEntry, ...]
@@ -63,7 +64,7 @@ class Timeline(NamedTuple):
 
     @property
     def shortfall(self) -> str:
-        """Why it did not engage and arrive, in one line; empty if it did."""
+        """Reason why the autopilot did not engage and arrive, in one line; empty if it did."""
         if self.arrived or self.only_recorded:
             return ""
         last = next((each.text for each in reversed(self.entries) if each.kind in ("error", "stop", "check")), "")
@@ -82,10 +83,10 @@ def read_timeline(folder: str | Path) -> Timeline:
     """The time line of a recorded run.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
 
     Raises:
-        InputError: there is no run in it.
+        InputError: the folder holds no run.
     """
     run = read_run(folder)
     found = timeline_of(unpack(data) for _, data in run)
@@ -115,7 +116,7 @@ class _Reader:
         self._radar: tuple[str, ...] = ()
 
     def take(self, record: Record) -> Iterator[TimelineEntry]:
-        """What a record tells."""
+        """Events of a record."""
         # Messages of other processes were made before the tick that they are recorded in.
         if not self.first_ns:
             self.first_ns = record.mono_ns
@@ -184,7 +185,8 @@ class _Reader:
             yield kind, f"{mode}: {f'stopped, {self._stopped_for}' if stopped else text}"
             self._stopped_for = "" if mode not in ENGAGED else self._stopped_for
         elif event in _SHOWN and not (event == Event.SOURCE_MISSING.name and mode in ENGAGED):
-            # Nothing has to be engaged while something is: what is missing slows it, and is told by that.
+            # The condition for engaging is irrelevant while engaged: a missing source slows the vehicle, which is
+            # shown.
             yield "note", text
 
 

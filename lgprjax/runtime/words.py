@@ -1,4 +1,4 @@
-"""What the runtime says in plain words: refusals, faults, reasons of navigation's health, causes of changes of mode."""
+"""Texts of the runtime: refusals, faults, reasons of navigation's health, causes of changes of mode."""
 
 import math
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ REASONS = {
     Reason.TOO_UNCERTAIN: "position too uncertain across the route",
     Reason.GNSS_INCONSISTENT: "GNSS positions scatter more than the receiver states",
 }
-"""Each reason of navigation's health in plain words."""
+"""Text of each reason of navigation's health."""
 
 
 def reason_words(reasons: float) -> list[str]:
@@ -78,7 +78,7 @@ _COMMAND = "command: "
 
 
 def limited_words(limited: Limited | SkidLimited) -> list[str]:
-    """What the limiter held back because it was no sound command, as words."""
+    """Texts of the limiter's reasons for withholding an unsound command."""
     kind = type(limited)
     bad = limited & (kind.NOT_FINITE | kind.STALE | kind.MANUAL_REQUESTED)
     return [f"{_COMMAND}{_words(bit)}" for bit in bad]
@@ -89,7 +89,7 @@ def _words(bit: IntFlag) -> str:
 
 
 ARRIVED = ("the end of the route is reached", "the plan is complete", "the manoeuvre is complete")
-"""What ends a drive as it should."""
+"""Texts of a drive's regular end."""
 EVENTS = {
     Event.BOOT_DONE: "the computer has started",
     Event.CHECKS_PASSED: "system checks passed",
@@ -149,17 +149,17 @@ _TEXTS_OF = {
 
 
 def causes_of(event: Event, found: Sequence[str]) -> list[str]:
-    """Those of the present findings that an event is about; all of them where none is known to be."""
+    """Present findings that belong to an event; all of them if none is known to belong to it."""
     own = _TEXTS_OF.get(event, set())
     return [text for text in found if text in own or text.startswith(_COMMAND)] or list(found)
 
 
 def cause_words(event: Event, check: str, why: Sequence[str]) -> str:
-    """Cause of a change of mode: the event, and what is behind it.
+    """Cause of a change of mode: the event and its causes.
 
     Args:
-        event: that changed the mode.
-        check: what the failed system check says; empty for other events.
+        event: event that changed the mode.
+        check: text of the failed system check; empty for other events.
         why: findings behind the event, the most severe first.
     """
     behind = [text for text in (check, *why) if text]

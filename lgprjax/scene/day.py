@@ -27,14 +27,14 @@ _COVER_WAVELENGTH_M = (0.6, 8.0)
 
 @dataclass(frozen=True)
 class Cover:
-    """Snow on the ground: the wave goes through it slower than through air, and the wheels ride up on it.
+    """Snow on the ground: the wave is slower in it than in air, and the wheels ride up on it.
 
     Attributes:
-        thickness_m, relief_m: mean and rms.
-        index: of refraction (dry snow 1.25, wet 1.5 and more).
-        attenuation_per_m: amplitude, one way.
+        thickness_m, relief_m: mean and rms of the thickness.
+        index: refractive index (dry snow 1.25, wet 1.5 and more).
+        attenuation_per_m: one-way attenuation of the amplitude.
         lift: share of the thickness by which the packed snow raises the vehicle.
-        reflectivity: of its top, seen from the air.
+        reflectivity: reflectivity of its top, seen from the air.
     """
 
     thickness_m: float
@@ -50,9 +50,9 @@ class Skin:
     """The top of the ground in another state: soaked by rain, or frozen.
 
     Attributes:
-        thickness_m, relief_m: mean and rms.
+        thickness_m, relief_m: mean and rms of the thickness.
         slowness: relative change of the wave's slowness in it (+ wet, - frozen).
-        reflectivity: of its lower front, seen from above.
+        reflectivity: reflectivity of its lower front, seen from above.
     """
 
     thickness_m: float
@@ -63,13 +63,13 @@ class Skin:
 
 @dataclass(frozen=True)
 class Trench:
-    """A stretch that was dug up and filled again: stones, roots and layers in it are gone, other ground fills it.
+    """A trench that was dug and refilled: stones, roots and layers in it are gone, other ground fills it.
 
     Pipes stay.
 
     Attributes:
-        along_m: from, to. cross_m: from, to.
-        depth_m: of the trench; deeper ground is as it was.
+        along_m, cross_m: start and end along and across the road.
+        depth_m: depth of the trench; deeper ground is unchanged.
     """
 
     along_m: tuple[float, float]
@@ -82,19 +82,20 @@ class Day:
     """Changes from day to day. The defaults are a clear day (see below).
 
     Attributes:
-        seed: of everything below.
+        seed: seed of all draws below.
         noise_field: rms of the receiver's noise within its band, before the time gain.
         gain_spread: sigma of a channel's gain about 1, constant over a drive.
         delay_spread_ns: sigma of a channel's own delay, constant over a drive.
         coupling_spread: sigma of a channel's coupling and surface echo, relative, constant over a drive.
-        velocity_factor, velocity_spread: the wave's velocity is the ground's, times the factor, times
+        velocity_factor, velocity_spread: factors of the wave's velocity in the ground: the factor, and
             1 + spread * normal.
-        attenuation_factor: of the ground's attenuation.
-        moisture_rms, moisture_wavelength_m: relative change of slowness with place, that day only; None: over the
-            wavelengths of the ground's own.
-        clutter_per_m2, clutter_depth_m, clutter_strength_m: small shallow things, there on this day only.
-        moved_share: of the ground's stones shallower than ``moved_depth_m``, replaced by others since.
-        cover, skin, trenches: see there.
+        attenuation_factor: factor of the ground's attenuation.
+        moisture_rms, moisture_wavelength_m: rms and wavelengths of the day's relative change of slowness with place;
+            wavelengths ``None``: those of the ground's own moisture.
+        clutter_per_m2, clutter_depth_m, clutter_strength_m: density, depths and strength of small shallow objects that
+            are present on this day only.
+        moved_share: share of the ground's stones shallower than ``moved_depth_m`` that were replaced by others.
+        cover, skin, trenches: snow, changed top of the ground, and trenches.
     """
 
     seed: int = 1
@@ -118,14 +119,15 @@ class Day:
 
 
 class Conditions(NamedTuple):
-    """A day's ground: what ``slice_ground`` cuts.
+    """A day's ground conditions, input of ``slice_ground``.
 
     Attributes:
-        velocity_factor, attenuation_factor: of the ground's.
-        moisture: relative change of slowness that day.
+        velocity_factor, attenuation_factor: factors of the ground's velocity and attenuation.
+        moisture: the day's relative change of slowness over place.
         skin_m, skin_slowness: thickness of the skin over place, and its relative slowness.
-        cover_m: thickness of the snow over place, with its index, attenuation, lift and reflectivity.
-        trenches: (from along, to along, from cross, to cross, depth), one row each.
+        cover_m: thickness of the snow over place.
+        cover: index, attenuation, lift and reflectivity of the snow.
+        trenches: (from along, to along, from cross, to cross, depth), one row per trench.
     """
 
     velocity_factor: float
@@ -142,7 +144,7 @@ _BARE = Cover(0.0, 0.0, index=1.0, attenuation_per_m=0.0, lift=0.0, reflectivity
 
 
 def usual_conditions(velocity_factor: float = 1.0) -> Conditions:
-    """The ground as its config says: no moisture of the day, no skin, no snow."""
+    """The ground of its config, without moisture of the day, skin and snow."""
     none = constant_field(0.0, WAVES)
     return Conditions(velocity_factor, 1.0, none, none, 0.0, none, _BARE, np.zeros((0, 5)))
 

@@ -53,23 +53,24 @@ from lgprjax.scene.sensors import NavigationErrors, OdometerTrack, PoseTrack, ob
 
 # A stepped-frequency receiver: sweeps of every channel and the calibration channel, and start-of-day recordings.
 #
-# What is measured at a frequency f is g A(f) R(f) E(f) + noise: E what the antennas hear, R the channel, A the common
-# path (synthesiser, amplifiers, cables), g the drift of the scan. The calibration channel sees g A(f) a exp(-2 pi i f
-# tau), through an attenuator a and a cable tau: dividing by it leaves E, R and a known delay.
+# The measurement at a frequency f is g A(f) R(f) E(f) + noise: E is the field at the antennas, R the channel, A the
+# common path (synthesiser, amplifiers, cables), g the drift of the scan. The calibration channel sees g A(f) a
+# exp(-2 pi i f tau), through an attenuator a and a cable tau: dividing by it leaves E, R and a known delay.
 
-_AVERAGED = 256  # scans that the start-of-day recordings are the mean of
+_AVERAGED = 256  # scans averaged by the start-of-day recordings
 _PLATE_M = 0.5  # from the antennas to the metal plate
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Measurements of each scan.
+    """Frequencies, converter and calibration path of a stepped-frequency receiver.
 
     Attributes:
-        first_mhz, step_mhz, steps: the frequencies. 1 / step is the unambiguous travel time.
-        adc_bits, full_scale_field: of the quadrature receiver; what is louder is clipped.
-        calibration_gain, calibration_delay_ns: of the path through the attenuator, set as loud as the converter
-            allows: noise of the calibration channel is noise of every channel, in proportion to the coupling.
+        first_mhz, step_mhz, steps: first frequency, step and number of frequencies. 1 / step is the unambiguous travel
+            time.
+        adc_bits, full_scale_field: resolution and range of the quadrature receiver; stronger fields are clipped.
+        calibration_gain, calibration_delay_ns: gain and delay of the path through the attenuator, as strong as the
+            converter allows: noise of the calibration channel is noise of every channel, in proportion to the coupling.
         ripple: rms of the common path's response over frequency, in nepers and radians.
     """
 
@@ -89,7 +90,7 @@ class SweepPlan:
 
     @property
     def frequency_mhz(self) -> Float[np.ndarray, " frequency"]:
-        """The frequencies."""
+        """Frequency of each step, MHz."""
         return np.asarray(self.first_mhz + self.step_mhz * np.arange(self.steps))
 
 
@@ -120,7 +121,7 @@ def calibration_path(plan: SweepPlan) -> Complex[np.ndarray, " frequency"]:
 def standing_echoes(
     plan: SweepPlan, response: Response, in_view: Literal["empty", "plate"]
 ) -> Complex[np.ndarray, "channel frequency"]:
-    """What a standing array receives with nothing in view, or from a metal plate under it."""
+    """Response of a stationary array to empty space, or to a metal plate under it."""
     f = plan.frequency_mhz * 1e-3
     own = response.gain[:, None] * np.exp(-2j * np.pi * np.outer(response.delay_ns, f))
     coupling = response.coupling @ np.exp(-2j * np.pi * np.outer(np.asarray(COUPLING_NS), f))
@@ -226,18 +227,20 @@ _Block = tuple[jax.Array, jax.Array, GroundSlice, jax.Array, Response, ScanError
 
 
 class SimulatedDrive(NamedTuple):
-    """One drive over a ground on one day.
+    """A drive over a ground on one day.
 
     Attributes:
-        scan_time_s: each recorded scan's own time since the drive's start; channel i is taken time_offset_s[i] later.
-        pose: true (east_m, north_m, height_m, yaw_rad, roll_rad) of the body origin at each scan's own time;
-            its height is that above the vehicle's place at rest.
+        scan_time_s: time of each recorded scan since the drive's start; channel i is recorded time_offset_s[i] later.
+        pose: true (east_m, north_m, height_m, yaw_rad, roll_rad) of the body origin at each scan time;
+            the height is relative to the vehicle at rest.
         ground_up_m: true height of the ground below the body origin, above the road's start.
         antenna_m: true (east_m, north_m, height) of each channel at its own instant.
-        road_antenna_m: the same in the road frame: (along, cross, height above the ground).
-        odometer, navigation: what the vehicle's own sensors say; navigation_up_m, navigation_springs_m: at its times
-            the true height of the ground below, and of the body above its place at rest.
-        ground: with the day's clutter in it; conditions, response, errors: the day's, for whoever checks.
+        road_antenna_m: antenna positions in the road frame: (along, cross, height above the ground).
+        odometer, navigation: readings of the vehicle's own sensors.
+        navigation_up_m: true height of the ground below at the times of ``navigation``.
+        navigation_springs_m: true height of the body relative to rest at the times of ``navigation``.
+        ground: ground including the day's clutter.
+        conditions, response, errors: the day's conditions, channel response and scan errors, for checks.
     """
 
     scan_time_s: Float[np.ndarray, " scan"]
@@ -278,15 +281,16 @@ def simulate_drive(
     radar: RadarConfig | None = None,
     receiver: ReceiverConfig | None = None,
 ) -> SimulatedDrive:
-    """Everything of a drive except its recording, which ``iterate_traces`` or ``iterate_sweeps`` generates on demand.
+    """Simulate a drive without its recording, which ``iterate_traces`` or ``iterate_sweeps`` generates on demand.
 
     Args:
-        day: what the ground and the radar are like that day; its seed draws clutter, response and velocity.
-        seed: of the driving (wander, bounce), the navigation's errors and the faults; with the day's, of the noise.
+        day: conditions of ground and radar on the day; its seed draws clutter, response and velocity.
+        seed: seed of the driving (wander, bounce), the navigation errors and the faults; together with the day's seed,
+            of the noise.
 
     Raises:
-        ValueError: a plan that cannot be driven, an antenna that would hear beyond the corridor's edge, or more
-            trenches next to each other than a slice of the ground holds.
+        ValueError: the plan cannot be driven, an antenna's aperture extends beyond the corridor's edge, or more
+            trenches are next to each other than a slice of the ground holds.
     """
     array = default_array() if array is None else array
     radar = RadarConfig(height_m=array.height_m) if radar is None else radar
@@ -400,7 +404,7 @@ def _blocks(drive: SimulatedDrive) -> Iterator[_Block]:
 def _windows(
     antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig
 ) -> tuple[Int[np.ndarray, "block member"], Float[np.ndarray, " block"], Float[np.ndarray, " block"]]:
-    """Scans of each block, and from where to where along the road they hear."""
+    """Scan numbers of each block, and start and end of its aperture along the road, m."""
     scans = len(antenna_m)
     blocks = -(-scans // BLOCK_SCANS)
     index = np.minimum(np.arange(blocks * BLOCK_SCANS), scans - 1).reshape(blocks, BLOCK_SCANS)
@@ -409,7 +413,7 @@ def _windows(
 
 
 def _check_trenches(conditions: Conditions, antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig) -> None:
-    """Raises ``ValueError`` where a block of scans hears more trenches than a slice holds."""
+    """Raises ``ValueError`` if more trenches are within a block's aperture than a slice holds."""
     _, from_m, to_m = _windows(antenna_m, radar)
     begin_m, end_m = conditions.trenches[:, 0], conditions.trenches[:, 1]
     heard = np.sum((end_m >= from_m[:, None]) & (begin_m <= to_m[:, None]), axis=1)
@@ -439,7 +443,7 @@ def _chunks(blocks: Iterator[tuple[np.ndarray, ...]], scans: int, chunk_scans: i
 
 
 def check_inside(ground: Ground, antenna_m: Float[np.ndarray, "scan channel 3"], radar: RadarConfig) -> None:
-    """Raises ``ValueError`` where an antenna would hear beyond the corridor's edge."""
+    """Raises ``ValueError`` if an antenna's aperture extends beyond the corridor's edge."""
     config, reach = ground.config, radar.aperture_m
     low, high = antenna_m[..., 0].min() - reach, antenna_m[..., 0].max() + reach
     if low < -config.margin_m or high > config.length_m + config.margin_m:

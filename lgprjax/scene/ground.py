@@ -99,8 +99,8 @@ class Utilities(NamedTuple):
     Attributes:
         centre_m: (along, cross) of the middle.
         direction: unit vector along the cylinder.
-        half_length_m, depth_m, radius_m: depth of the axis.
-        reflectivity: of its top: -1 for metal, above zero for an empty plastic pipe.
+        half_length_m, depth_m, radius_m: half length, depth of the axis, and radius.
+        reflectivity: reflectivity of its top: -1 for metal, above zero for an empty plastic pipe.
     """
 
     centre_m: Float[np.ndarray, "utility 2"]
@@ -137,7 +137,7 @@ def draw_stones(
 def draw_roots(
     rng: np.random.Generator, span_m: tuple[float, float], half_width_m: float, trees_per_100m: float
 ) -> Scatterers:
-    """Roots of trees beside the road: they wander inwards, thinner and deeper as they go; wood is moist: positive."""
+    """Roots of roadside trees, which grow inwards, thinner and deeper; wood is moist: positive strength."""
     low, high = span_m
     places, strengths = [np.zeros((0, 3))], [np.zeros(0)]
     for _ in range(rng.poisson((high - low) * trees_per_100m / 100)):
@@ -184,7 +184,7 @@ def joined(*groups: Scatterers) -> Scatterers:
 
 
 def chosen(scatterers: Scatterers, keep: Bool[np.ndarray, " scatterer"]) -> Scatterers:
-    """Those that ``keep`` says."""
+    """The scatterers selected by the mask ``keep``."""
     return Scatterers(scatterers.place_m[keep], scatterers.strength_m[keep])
 
 
@@ -222,10 +222,11 @@ class GroundConfig:
         trees_per_100m: on both sides together; each sends roots under the road.
         utilities_per_100m: pipes and cables across the road; ``utilities_along`` more run with it.
         moisture_rms: relative change of the wave's slowness with place, fractal, the same every day.
-        velocity_m_per_ns, attenuation_per_m: of the wave in the ground (amplitude, one way, at the band's middle).
-        dispersive_share: of the attenuation: it grows with the frequency, the rest does not.
-        repeat_m: the ground repeats itself after this length (slabs, sleepers), without trees and pipes across; None
-            for ground that never does.
+        velocity_m_per_ns, attenuation_per_m: velocity and attenuation of the wave in the ground (amplitude, one way, at
+            the band's middle).
+        dispersive_share: share of the attenuation that grows with the frequency.
+        repeat_m: length after which the ground repeats (slabs, sleepers), without trees and pipes across; ``None``: no
+            repetition.
     """
 
     length_m: float = 200.0
@@ -335,10 +336,10 @@ def make_ground(seed: int, config: GroundConfig | None = None) -> Ground:
 def draw_layer(
     rng: np.random.Generator, config: GroundConfig, *, depth_m: float, relief_m: float, reflectivity: float
 ) -> Layers:
-    """One interface; a negative reflectivity is a step to denser soil, as seen from above.
+    """Draw one interface; a negative reflectivity is a step to denser soil, seen from above.
 
-    Details finer than the Fresnel zone are not mirrored but scattered, and the specular echo that ``render``
-    gives must not follow them: at wavenumber q and depth d waves are damped by exp(-(q**2 d / 4k)**2 / 2).
+    Details finer than the Fresnel zone are scattered, not mirrored, and the specular echo of ``render`` must not follow
+    them: at wavenumber q and depth d waves are damped by exp(-(q**2 d / 4k)**2 / 2).
     """
     wave, wavelength = draw_wave_vectors(rng, config.waves, config.wavelength_m, config.repeat_m)
     k = 2 * np.pi * 0.25 / config.velocity_m_per_ns  # in the middle of the band, 0.25 GHz

@@ -46,7 +46,7 @@ _ALONG_M = 3.0  # largest extent of a block of scans and its array along the roa
 
 
 class Springs(NamedTuple):
-    """How the body moves on its springs along the road: height and roll."""
+    """Motion of the body on its springs along the road: height and roll."""
 
     height: Waves
     roll: Waves
@@ -76,22 +76,23 @@ def draw_springs(plan: DrivePlan, seed: int) -> Springs:
 
 
 class LiveRadar:
-    """One drive's radar; its errors are those of a ``SimulatedDrive`` of as many scans.
+    """Radar of one drive; its errors are those of a ``SimulatedDrive`` of as many scans.
 
     Args:
-        ground, day, road: what it drives over.
-        array: that it carries.
-        springs: of the vehicle.
-        scans: most that will be asked for; drifts run over them.
-        seed: of the faults; with the day's, of the noise.
-        sweeps: what a stepped-frequency radar measures; None for one that records traces.
-        in_view: of an array of sweeps: the ground; nothing; or a metal plate, equally far from all channels.
+        ground, day, road: ground, conditions of the day, and road.
+        array: antenna array of the vehicle.
+        springs: motion of the vehicle on its springs.
+        scans: largest number of scans; drifts run over them.
+        seed: seed of the faults; together with the day's seed, of the noise.
+        sweeps: sweep plan of a stepped-frequency radar; ``None`` for a radar that records traces.
+        in_view: view of an array that records sweeps: the ground, empty space, or a metal plate equally far from all
+            channels.
 
     Attributes:
-        start: recordings at the start of the day; None for a radar that records traces.
+        start: recordings at the start of the day; ``None`` for a radar that records traces.
 
     Raises:
-        ValueError: a scan is recorded where the ground has ended.
+        ValueError: a scan is recorded beyond the end of the ground.
     """
 
     def __init__(
@@ -150,13 +151,13 @@ class LiveRadar:
     def record(
         self, first_scan: int, place: Float[np.ndarray, "scan channel 3"], along_m: float, direction: int = 1
     ) -> LiveScan:
-        """Record consecutive scans; every number of scans is a program of its own.
+        """Record consecutive scans; each number of scans is compiled separately.
 
         Args:
-            first_scan: number of the first in the drive.
+            first_scan: number of the first scan in the drive.
             place: east_m, north_m, yaw_rad of the rear axle at every channel's own instant.
-            along_m: about where the array is on the road.
-            direction: in which the vehicle stands on the road, +1 or -1.
+            along_m: approximate position of the array along the road.
+            direction: direction of the vehicle on the road, +1 or -1.
         """
         array, scans = self._array, len(place)
         guess = np.full(place.shape[:2], along_m)

@@ -1,4 +1,4 @@
-"""Where the vehicle and each of its antennas are at any time of a drive along a road: host, float64."""
+"""Positions of the vehicle and of each antenna at any time of a drive along a road: host, float64."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ ARC_STEP_M = 0.02
 
 @dataclass(frozen=True)
 class DrivePlan:
-    """How a drive is driven, in the road frame (``scene/road.py``).
+    """Plan of a drive in the road frame (``scene/road.py``).
 
     Attributes:
         start_m, stop_m: along-track interval of the body origin, start < stop.
@@ -105,7 +105,7 @@ def plan_motion(plan: DrivePlan, seed: int, road: Road | None = None) -> DriveMo
 
 
 def scan_times(motion: DriveMotion) -> Float[np.ndarray, " scan"]:
-    """Each scan's own time: the first at 0, the last no later than the drive's end."""
+    """Time of each scan, s: the first at 0, the last no later than the drive's end."""
     rate = motion.plan.scan_rate_hz
     return np.arange(int(np.floor(motion.duration_s * rate)) + 1) / rate
 
@@ -118,7 +118,7 @@ def place_on_road(
     run_m = plan.speed_mps * np.asarray(time_s)
     length_m = run_m if plan.direction > 0 else motion.arc_length_m[-1] - run_m
     along = np.interp(length_m, motion.arc_length_m, motion.arc_along_m)
-    # A channel's own instant may fall just past the last node; the road goes on.
+    # A channel's own instant may be just past the last node; the road continues.
     beyond_m = np.minimum(length_m, 0.0) + np.maximum(length_m - motion.arc_length_m[-1], 0.0)
     along += beyond_m / (1.0 - follow_centre(motion.road, along).curvature_per_m * plan.lane_m)
     return along, plan.lane_m + wave_value(motion.wander, along)
@@ -172,9 +172,9 @@ def antennas_on_road(
 ) -> Float[np.ndarray, "scan channel 3"]:
     """(along_m, cross_m, height above the ground) of each channel at its own instant, for the renderer.
 
-    Each antenna is brought to the road by itself: ahead of the rear axle a curve leads away from under it. The
-    vehicle stands on the road's plane, so grade and bank leave the height alone; the roughness below the antenna,
-    the same on every drive and in both directions, does not.
+    Each antenna is projected onto the road separately, because a curve leads away from under the body ahead of the rear
+    axle. The vehicle is on the road's plane, so grade and bank do not change the height; the roughness below the
+    antenna, the same on every drive and in both directions, does.
     """
     instant_s = time_s[:, None] + array.time_offset_s[None]
     poses = poses_at(motion, instant_s)
@@ -200,15 +200,15 @@ HAND_RADPS = 0.25
 
 
 class Manoeuvre(NamedTuple):
-    """Commands to a vehicle, at the simulation's steps.
+    """Commands to a vehicle at the simulation's steps.
 
     Attributes:
-        time_s: from 0, every ``STEP_S``.
-        wanted_rad: front angle: the servo's command or, by hand, what the steering wheel is turned to.
-        speed_mps: held by the driver, negative in reverse; without meaning where the pedals are commanded.
-        supply_v: at the servo; 24 V where the makers below do not know the vehicle's.
-        by_hand: the wheels follow the steering wheel with no more than the play.
-        throttle, brake: commands, 0 to 1; None where the driver holds the speed.
+        time_s: times from 0, every ``STEP_S``.
+        wanted_rad: front angle: the servo's command or, by hand, the angle of the steering wheel.
+        speed_mps: speed held by the driver, negative in reverse; unused if the pedals are commanded.
+        supply_v: supply voltage at the servo; 24 V in the functions below that do not know the vehicle.
+        by_hand: whether the wheels follow the steering wheel, with the play only.
+        throttle, brake: pedal commands, 0 to 1; ``None`` if the driver holds the speed.
     """
 
     time_s: Float[np.ndarray, " step"]
@@ -233,15 +233,15 @@ class _Script:
         self.speed_mps.append(self.speed_mps[-1] if speed_mps is None else speed_mps)
 
     def steer(self, angle_rad: float) -> None:
-        """At the pace of a driver's hands."""
+        """Steer to an angle at the rate of a driver's hands."""
         self.go(abs(angle_rad - self.angle_rad[-1]) / HAND_RADPS + STEP_S, angle_rad=angle_rad)
 
     def speed_up(self, speed_mps: float) -> None:
-        """Or down."""
+        """Change to a speed, faster or slower."""
         self.go(abs(speed_mps - self.speed_mps[-1]) / ACCELERATION_MPS2 + STEP_S, speed_mps=speed_mps)
 
     def drive(self, length_m: float, speed_mps: float) -> None:
-        """From standstill to standstill; over a short distance the speed is not reached."""
+        """Drive from standstill to standstill; over a short distance the speed is not reached."""
         peak = min(abs(speed_mps), np.sqrt(abs(length_m) * ACCELERATION_MPS2))
         self.speed_up(float(np.copysign(peak, speed_mps)))
         self.go(max(abs(length_m) / peak - peak / ACCELERATION_MPS2, 0.0) + STEP_S)
@@ -299,9 +299,9 @@ def drive_palm_tree(
     """The palm tree by hand: full left, an arc forward, back in reverse, half a turn less, …, full right.
 
     Args:
-        wheelbase_m, rear_ratio: for the length of an arc.
-        arc_turns: of a full circle: 0.125 to 0.5.
-        longest_m: of an arc that is nearly straight.
+        wheelbase_m, rear_ratio: wheelbase and rear ratio, which give the length of an arc.
+        arc_turns: arc as a share of a full circle, 0.125 to 0.5.
+        longest_m: longest length of a nearly straight arc.
     """
     angles = half_turn_angles(largest_rad, lock_to_lock_turns)
     script = _Script(float(angles[0]))
@@ -372,12 +372,12 @@ def step_steering(
 def step_pedals(
     throttles: Sequence[float], brakes: Sequence[float], *, back: float = 0.15, hold_s: float = 4.0
 ) -> Manoeuvre:
-    """From standstill, each throttle and brake in turn: throttle, a little of it back, coast, brake, half of it back.
+    """From standstill, each throttle and brake in turn: throttle, slight release, coast, brake, partial release.
 
     Args:
-        throttles, brakes: commands, one of each a run.
-        back: by which a command is taken back before it is released.
-        hold_s: of each throttle; brakes and standstill are held as long at most.
+        throttles, brakes: commands, one pair per run.
+        back: reduction of a command before it is released.
+        hold_s: time for which each throttle is held; brakes and standstill are held as long at most.
     """
     throttle_parts, brake_parts = [np.zeros(100)], [np.zeros(100)]
     hold = round(hold_s / STEP_S)

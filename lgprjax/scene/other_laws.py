@@ -1,10 +1,10 @@
-"""A skid-steer vehicle and its sensors by other laws than those that the filter assumes: what its claims are tested on.
+"""Skid-steer vehicle and sensors with error laws that the filter does not assume, to test its stated uncertainty.
 
-The filter's errors are normal, fade over a way or a time, and know no ground. Here sides slip on slopes and under the
-tool's load, in patches of soil; the body crabs downhill; stones kick it. GNSS has bursts of multipath that it does not
-tell of, tails of Student's t, a base that stands elsewhere than it says, an antenna and a tool that are mounted
-elsewhere, and fixes that come sooner or later than they say. The INS drifts as it warms up and with the day, and turns
-by a scale of its own; wheels are counted in whole pulses. Every field draws its own numbers, flat over a range.
+The filter's errors are normal, decorrelate over distance or time, and do not depend on the ground. Here sides slip on
+slopes and under the tool's load, in patches of soil; the body crabs downhill; stones kick it. GNSS has unreported
+bursts of multipath, tails of Student's t, a misplaced base, misplaced antenna and tool, and fixes with wrong times. The
+INS drifts as it warms up and during the day, and has a scale error; wheels are counted in whole pulses. Every field
+draws its own numbers, uniform over a range.
 """
 
 from typing import NamedTuple
@@ -31,25 +31,27 @@ _PULSE_M = 0.0002
 
 
 class OtherLaws(NamedTuple):
-    """Numbers of one field, vehicle and day.
+    """Error parameters of one field, vehicle and day.
 
     Attributes:
-        wave_radpm, wave_phase: of the ground's height, six plane waves; slope: of each, rise over run.
-        soil_radpm, soil_phase: of the patches of soil, three waves.
-        loose: by which everything slips more on loose soil.
+        wave_radpm, wave_phase: wave vectors and phases of the ground's height, six plane waves.
+        slope: slope of each wave, rise over run.
+        soil_radpm, soil_phase: wave vectors and phases of the patches of soil, three waves.
+        loose: increase of all slips on loose soil.
         slip_grade, slip_load, slip_bank: slip of a side per slope along, with the tool in the ground, and of the lower
             side per slope across.
-        crab: sideways motion per way and slope across.
-        stone_yaw_rad, stone_m: of the kicks of stones.
-        burst_every_s, burst_s: mean time between bursts of multipath, and of one; burst_m: size of their errors;
-            burst_period_s: in which they swing.
+        crab: sideways motion per distance and slope across.
+        stone_yaw_rad, stone_m: size of the kicks of stones in heading and position.
+        burst_every_s, burst_s: mean time between bursts of multipath, and mean duration.
+        burst_m, burst_period_s: size and oscillation period of a burst's error.
         tail_m: scale of the fixes' white error.
         base_m: error of the base, east and north.
-        mount_m: error of the antenna's place in the body; tool_m: of the tool's, forward and left.
+        mount_m, tool_m: error of the antenna's and of the tool's position in the body, forward and left.
         jitter_s: standard deviation of the fixes' time.
-        warm_radps, warm_s: drift of the INS that fades as it warms up; day_radps, day_s: that swings.
-        turn_scale: of the INS.
-        wheel_scale: of the wheels, left and right.
+        warm_radps, warm_s: drift of the INS that fades as it warms up, and its time constant.
+        day_radps, day_s: oscillating drift of the INS, and its period.
+        turn_scale: scale error of the INS.
+        wheel_scale: scale error of the wheels, left and right.
     """
 
     wave_radpm: Float[Array, "wave 2"]
@@ -82,12 +84,13 @@ class OtherLaws(NamedTuple):
 
 
 class LawState(NamedTuple):
-    """What the laws carry from tick to tick.
+    """State of the error laws between ticks.
 
     Attributes:
-        burst_left_s: of the present burst; 0 without one.
-        burst_aside: its direction; burst_begun_s: when it began.
-        pulse_m: of either wheel, ways that were driven and not counted.
+        burst_left_s: remaining time of the present burst; 0 without one.
+        burst_aside: direction of the burst's error.
+        burst_begun_s: start time of the burst.
+        pulse_m: distance driven and not yet counted, per wheel.
     """
 
     burst_left_s: Float[Array, ""]
@@ -97,11 +100,11 @@ class LawState(NamedTuple):
 
 
 def draw_other_laws(key: PRNGKeyArray, *, largest_base_m: float | Float[Array, ""] = 0.10) -> OtherLaws:
-    """Numbers of one field.
+    """Draw the error parameters of one field.
 
     Args:
-        key: of the draw.
-        largest_base_m: the base stands anywhere within so much of where it says.
+        key: random key.
+        largest_base_m: largest position error of the base.
     """
     keys = iter(jax.random.split(key, 40))
 
@@ -147,7 +150,7 @@ def draw_other_laws(key: PRNGKeyArray, *, largest_base_m: float | Float[Array, "
 
 
 def init_law_state() -> LawState:
-    """No burst; one batch element."""
+    """Initial state without a burst; one batch element."""
     zero, none = jnp.float32(0.0), jnp.zeros(2, jnp.float32)
     return LawState(zero, none, zero, none)
 
@@ -161,16 +164,16 @@ def step_other_plant(
     key: PRNGKeyArray,
     step_s: float,
 ) -> SkidPlantState:
-    """The vehicle after a step by the other laws; hydraulics as of ``plant``. One batch element, more by ``vmap``.
+    """The vehicle after a step with the other laws; hydraulics are those of ``plant``. One batch element.
 
     Args:
-        laws: of the field.
-        plant: its track, hydraulics and slide; its slips and walks are not used.
-        state: before.
-        command: wheel speeds.
+        laws: error parameters of the field.
+        plant: vehicle, whose track, hydraulics and slide are used, and whose slips and walks are not.
+        state: state before the step.
+        command: commanded wheel speeds.
         tool_on: 1 with the tool in the ground.
-        key: of this step's noise.
-        step_s: of the control loop.
+        key: random key of this step's noise.
+        step_s: step of the control loop.
     """
     waiting, wheels = turn_wheels(plant, state, command, step_s)
     pose = state.pose
@@ -219,15 +222,15 @@ def read_other_sensors(
     key: PRNGKeyArray,
     tick_s: float,
 ) -> tuple[LawState, SkidSensorState, SkidReadings]:
-    """Readings at the end of a tick by the other laws; rates, ages and outages as of ``model``.
+    """Readings at the end of a tick with the other laws; rates, ages and outages are those of ``model``.
 
     Args:
-        laws: of the field.
-        held: what they carry.
-        model, state: of the sensors.
-        plant: true, at the tick's end.
+        laws: error parameters of the field.
+        held: state of the error laws.
+        model, state: properties and state of the sensors.
+        plant: true state at the tick's end.
         tick: number of this tick, from 1.
-        key: of this tick's noise.
+        key: random key of this tick's noise.
         tick_s: length of a tick.
     """
     burst_key, long_key, way_key, tail_key, late_key, turn_key = jax.random.split(key, 6)
@@ -246,7 +249,7 @@ def read_other_sensors(
     at = jnp.stack([model.gnss_x_m, model.gnss_y_m]) + laws.mount_m
     antenna = jnp.stack([pose.x_m + cos * at[0] - sin * at[1], pose.y_m + sin * at[0] + cos * at[1]])
     tail = laws.tail_m * jax.random.t(tail_key, _TAIL_FREEDOM, (2,))
-    # A fix that was taken sooner or later than it says.
+    # A fix that was measured earlier or later than its time stamp.
     late = laws.jitter_s * jax.random.normal(late_key) * plant.speed_mps * jnp.stack([cos, sin])
     wrong = burst + tail + late + laws.base_m
     measured = jnp.where(tick % model.gnss_ticks == 0, antenna + wrong, state.measured_m)

@@ -38,7 +38,7 @@ CORNERING_MPS2_PER_RAD = 80.0
 
 
 class Plant(NamedTuple):
-    """The vehicle as it is. Fields are scalars or one value per batch element."""
+    """The true vehicle. Fields are scalars or one value per batch element."""
 
     chassis: Chassis
     servo: Servo
@@ -66,11 +66,11 @@ class PlantState(NamedTuple):
     """State of the vehicle and pending commands.
 
     Attributes:
-        pose: of the rear axle, true.
-        servo, drive: wheels and pedals.
-        travel_m: signed way.
-        along_m: place on the terrain.
-        yaw_rate_radps, speed_mps: over the last step, signed.
+        pose: true pose of the rear axle.
+        servo, drive: states of steering servo and pedals.
+        travel_m: signed distance travelled.
+        along_m: position along the terrain.
+        yaw_rate_radps, speed_mps: signed means over the last step.
     """
 
     pose: VehiclePose
@@ -85,7 +85,7 @@ class PlantState(NamedTuple):
 def init_plant(
     pose: VehiclePose, speed_mps: Float[Array, "..."], along_m: Float[Array, "..."], *, delay_slots: int
 ) -> PlantState:
-    """At a pose and a speed, wheels straight. ``delay_slots``: substeps of the servo's longest delay."""
+    """Initial state at a pose and a speed, wheels straight. ``delay_slots``: substeps of the servo's longest delay."""
     zero = jnp.zeros_like(pose.x_m)
     drive = init_drive(speed_mps)
     return PlantState(pose, init_servo(zero, delay_slots=delay_slots), drive, zero, along_m, zero, speed_mps)
@@ -104,12 +104,12 @@ def step_plant(
     """The vehicle after ``step_s`` of constant commands, in ``SUBSTEPS`` arcs.
 
     Args:
-        plant: the vehicle.
-        terrain: under it.
-        state: before.
+        plant: vehicle.
+        terrain: terrain under the vehicle.
+        state: state before the step.
         front_rad, throttle, brake: commands.
         gear: +1 forward, -1 reverse.
-        step_s: of the control loop.
+        step_s: step of the control loop.
     """
     small_s = step_s / SUBSTEPS
     share = torque_share(plant.servo, plant.supply_v)
@@ -146,20 +146,22 @@ def wave_at(waves: Waves, along_m: Float[Array, "..."]) -> Float[Array, "..."]:
     return total
 
 
-# The skid-steer vehicle as it is: hydraulics that are late, a control threshold, sides that slip, turns that slide.
+# The true skid-steer vehicle: delayed hydraulics, a control threshold, sides that slip, turns that slide.
 
 
 class SkidPlant(NamedTuple):
-    """A vehicle. Fields are float32 scalars or one value per batch element.
+    """A skid-steer vehicle. Fields are float32 scalars or one value per batch element.
 
     Attributes:
-        track_m: effective, of this ground.
-        delay_s: from a command to its first effect; lag_s: time constant of a side's speed after that.
-        threshold_mps: difference of the commanded wheels below which it does not turn; 0 obeys everything.
-        slip_sigma, slip_m: of either side: the ground passes by less than the wheel turns, by a share that is a
-            Gauss-Markov process over the side's way.
-        slide_m: the point that does not move aside in a turn stands so far before the track's midpoint.
-        wander: random walk of the heading, rad/√m; along, aside: of the position, m/√m: stones and ruts.
+        track_m: effective track width on this ground.
+        delay_s: dead time from a command to its first effect.
+        lag_s: time constant of a side's speed after the delay.
+        threshold_mps: difference of the commanded wheel speeds below which the vehicle does not turn; 0: none.
+        slip_sigma, slip_m: standard deviation and correlation distance of each side's slip, the share by which the
+            ground passes slower than the wheel: a Gauss-Markov process over the side's distance.
+        slide_m: distance ahead of the track's midpoint of the point without sideways motion in a turn.
+        wander: random walk of the heading by stones and ruts, rad/√m.
+        along, aside: random walk of the position by stones and ruts, m/√m.
     """
 
     track_m: Float[Array, "..."]
@@ -178,12 +180,12 @@ class SkidPlantState(NamedTuple):
     """State of the vehicle and pending commands.
 
     Attributes:
-        pose: of the track's midpoint, true.
-        wheels: as they turn.
-        waiting: commands without effect yet, the newest first; the longest delay and one more.
-        slip: of the left and the right side.
-        left_m, right_m: ways that the wheels have turned.
-        speed_mps, yaw_rate_radps: over the last step.
+        pose: true pose of the track's midpoint.
+        wheels: actual wheel speeds.
+        waiting: delayed commands, newest first; slots for the longest delay and one more.
+        slip: slip of the left and the right side.
+        left_m, right_m: distances turned by the wheels.
+        speed_mps, yaw_rate_radps: means over the last step.
     """
 
     pose: VehiclePose
@@ -228,11 +230,11 @@ def step_skid_plant(
     """The vehicle after ``step_s`` of a constant command; one batch element, more by ``vmap``.
 
     Args:
-        plant: the vehicle.
-        state: before.
-        command: wheel speeds.
-        key: of this step's noise.
-        step_s: of the control loop.
+        plant: vehicle.
+        state: state before the step.
+        command: commanded wheel speeds.
+        key: random key of this step's noise.
+        step_s: step of the control loop.
     """
     noise = jax.random.normal(key, (5,))
     waiting, (left, right) = turn_wheels(plant, state, command, step_s)
@@ -261,23 +263,27 @@ def step_skid_plant(
     )
 
 
-# Sensors of a skid-steer vehicle (MF section 2): wheels, an INS that tells how far it has turned, RTK GNSS at 1 Hz.
+# Sensors of a skid-steer vehicle (MF section 2): wheels, an INS that measures turns, RTK GNSS at 1 Hz.
 
 
 class SkidSensors(NamedTuple):
     """Sensor properties; float32 scalars, ticks int32.
 
     Attributes:
-        gnss_ticks: from one fix to the next; late_ticks: from its moment to its arrival, before the next is measured.
-        gnss_x_m, gnss_y_m: antenna in the body.
-        gnss_sigma_m: white error an axis; slow_sigma_m, slow_s: slow error an axis, a Gauss-Markov process.
-        reported_sigma_m: what a fix says of itself, an axis.
-        bias_m: error that stays, east and north; drift_mps: error that grows from the start on.
-        off_s, every_s: the receiver is silent for the last ``off_s`` of every ``every_s``.
-        ins_ticks: from one delta heading to the next.
-        ins_noise_rad: of one; ins_drift_radps: of the INS, with a sign that is drawn.
-        wheel_scale: standard deviation of what the wheels read too much by, as a share; the same on both sides.
-        wheel_noise_mps: white, of a tick's reading.
+        gnss_ticks: ticks between fixes.
+        late_ticks: ticks from a fix's measurement to its arrival, fewer than ``gnss_ticks``.
+        gnss_x_m, gnss_y_m: antenna in the body, forward and left.
+        gnss_sigma_m: white error of a fix, per axis.
+        slow_sigma_m, slow_s: standard deviation per axis and time constant of the slow error, a Gauss-Markov process.
+        reported_sigma_m: standard deviation that a fix reports, per axis.
+        bias_m: constant error, east and north.
+        drift_mps: error that grows from the start on, east and north.
+        off_s, every_s: outage and period of outages: no fixes in the last ``off_s`` of every ``every_s``.
+        ins_ticks: ticks between delta headings.
+        ins_noise_rad: noise of a delta heading.
+        ins_drift_radps: size of the INS drift, with a drawn sign.
+        wheel_scale: standard deviation of the wheels' relative scale error, the same on both sides.
+        wheel_noise_mps: white noise of a tick's reading.
     """
 
     gnss_ticks: Int[Array, "..."]
@@ -300,14 +306,14 @@ class SkidSensors(NamedTuple):
 
 
 class SkidSensorState(NamedTuple):
-    """Present errors.
+    """Present sensor errors.
 
     Attributes:
-        slow_m: slow error of GNSS.
-        measured_m: the fix that is on its way.
-        drift_radps: of the INS.
-        commanded_rad: true heading when the INS last spoke.
-        scale: of the wheels.
+        slow_m: slow error of GNSS, east and north.
+        measured_m: fix that was measured and has not arrived.
+        drift_radps: drift of the INS.
+        commanded_rad: true heading at the last delta heading of the INS.
+        scale: scale error of the wheels.
     """
 
     slow_m: Float[Array, "2"]
@@ -321,10 +327,11 @@ class SkidReadings(NamedTuple):
     """Sensor readings at the end of a tick.
 
     Attributes:
-        left_mps, right_mps: means over the tick.
-        gnss_m: antenna, east and north; gnss_sigma_m: as reported; gnss_age_s: since it was measured.
-        gnss_valid: there is a new fix.
-        turn_rad, span_s: by the INS since it last spoke; turn_valid: it speaks.
+        left_mps, right_mps: mean wheel speeds over the tick.
+        gnss_m, gnss_sigma_m, gnss_age_s: position of the antenna, east and north, its reported sigma, and its age.
+        gnss_valid: whether there is a new fix.
+        turn_rad, span_s: turn and time since the last delta heading of the INS.
+        turn_valid: whether there is a new delta heading.
     """
 
     left_mps: Float[Array, "..."]
@@ -388,10 +395,10 @@ def read_skid_sensors(
     """Readings at the end of a tick; one batch element, more by ``vmap``.
 
     Args:
-        model, state: of the sensors.
-        plant: true, at the tick's end.
+        model, state: properties and state of the sensors.
+        plant: true state at the tick's end.
         tick: number of this tick, from 1.
-        key: of this tick's noise.
+        key: random key of this tick's noise.
         tick_s: length of a tick.
     """
     noise = jax.random.normal(key, (7,))

@@ -1,8 +1,8 @@
-"""From echoes in time bins to a radar's recording in its band: traces, or sweeps.
+"""Conversion of echoes in time bins to a radar's recording in its band: traces, or sweeps.
 
-Loss that grows with frequency acts on an echo by how long it was in the ground. In homogeneous soil that is a
-function of its arrival time alone, so the whole of propagation, band and wavelet is one matrix from time bins
-to samples (or to frequencies), built once on the host.
+Loss that grows with frequency depends on an echo's time in the ground. In homogeneous soil that is a function of the
+arrival time alone, so propagation, band and wavelet together are one matrix from time bins to samples (or to
+frequencies), computed once on the host.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from jaxtyping import Array, Complex, Float
 from lgprjax.scene.day import Conditions, usual_conditions
 from lgprjax.scene.ground import Ground, Layers, SineField, Utilities, field_about, value_at
 
-# Refracted rays through the flat surface: travel time, angles and spreading, in closed form but for one root.
+# Refracted rays through the flat surface: travel time, angles and spreading, in closed form except for one root.
 #
-# An antenna stands h above the surface; a target lies a aside and d below. The ray meets the surface at the distance u
-# before the target where Snell's law holds:
+# An antenna is h above the surface; a target is a aside and d below. The ray meets the surface at the distance u before
+# the target where Snell's law holds:
 #
 #     (a - u) / sqrt((a - u)**2 + h**2) = n u / sqrt(u**2 + d**2)
 #
@@ -33,8 +33,8 @@ class Ray(NamedTuple):
     """A one-way ray from the antenna to the target.
 
     Attributes:
-        air_m, ground_m: lengths of its two parts.
-        cos_air, cos_ground: of the angles to the vertical.
+        air_m, ground_m: lengths of the parts in air and in the ground.
+        cos_air, cos_ground: cosines of the angles to the vertical.
         spread_m: (out of plane, in plane) spreading of the ray tube: the field falls with the root of their product,
             one way. For a ray straight down both are h + d/n.
     """
@@ -55,10 +55,10 @@ def refract(
     """The ray over ``aside_m`` between ``height_m`` above and ``depth_m`` (> 0) below the surface.
 
     Args:
-        index: of refraction of the ground, > 1.
+        index: refractive index of the ground, > 1.
     """
-    # The root lies between 0 and both the straight line's u and the critical angle's: start at the lesser of
-    # the paraxial ray and that limit, from where Newton's steps are monotonic.
+    # The root is between 0 and the lesser of the straight line's u and the critical angle's. The start is the lesser of
+    # the paraxial ray and that limit, from which Newton's steps are monotonic.
     paraxial = aside_m * depth_m / (depth_m + index * height_m)
     critical = depth_m / jnp.sqrt(index**2 - 1.0)
     u = jnp.minimum(paraxial, 0.98 * jnp.minimum(critical, aside_m))
@@ -94,9 +94,9 @@ class RadarConfig:
     Attributes:
         samples, sample_step_ns, time_zero_ns: sample k is taken k * step - time_zero after transmission.
         band_mhz, band_edge_mhz: the spectrum is flat inside and falls to zero at the band's ends as a cosine.
-        tail_ns: echoes are followed for this long past the trace's end: their wavelets reach into it.
-        aperture_m: stones farther aside than this are not heard (faded out over the last quarter).
-        height_m: of the array at rest: where the time gain and the loss in the ground begin.
+        tail_ns: time past the trace's end for which echoes are computed, because their wavelets reach into it.
+        aperture_m: largest horizontal distance of stones that return an echo (faded out over the last quarter).
+        height_m: height of the array at rest, where the time gain and the loss in the ground begin.
     """
 
     samples: int = 369
@@ -110,12 +110,12 @@ class RadarConfig:
 
     @property
     def bins(self) -> int:
-        """Time bins that echoes are sorted into; bin k has the time of sample k."""
+        """Number of time bins of the echoes; bin k has the time of sample k."""
         return self.samples + round(self.tail_ns / self.sample_step_ns)
 
     @property
     def bin_ns(self) -> Float[np.ndarray, " bin"]:
-        """Time of each bin after transmission."""
+        """Time of each bin after transmission, ns."""
         return np.asarray(np.arange(self.bins) * self.sample_step_ns - self.time_zero_ns)
 
 
@@ -216,13 +216,15 @@ class GroundSlice(NamedTuple):
 
     Attributes:
         stone_m, stone_strength_m: (along, cross, depth) and scattering length of stones and roots.
-        stone_slowness: of the ground between the surface and the stone, relative to the day's mean.
-        utilities, layers: as in the ground.
-        slowness: the same as ``stone_slowness`` as fields over place: permanent, of the day.
+        stone_slowness: slowness of the ground between the surface and the stone, relative to the day's mean.
+        utilities, layers: utilities and layers of the ground.
+        moisture: relative slowness as fields over place: permanent, and of the day.
         skin_m, skin_slowness: see ``Conditions``.
-        cover_m: thickness of the snow; cover: (index, attenuation_per_m, lift, reflectivity).
-        trenches: (from along, to along, from cross, to cross, depth).
-        velocity_m_per_ns, attenuation_per_m: the day's; dispersive_share: see ``GroundConfig``.
+        cover_m: thickness of the snow.
+        cover: (index, attenuation_per_m, lift, reflectivity) of the snow.
+        trenches: (from along, to along, from cross, to cross, depth), one row per trench.
+        velocity_m_per_ns, attenuation_per_m: velocity and attenuation of the day.
+        dispersive_share: see ``GroundConfig``.
     """
 
     stone_m: Float[np.ndarray, "stone 3"]
@@ -263,14 +265,14 @@ def slice_ground(
     origin_m: tuple[float, float] = (0.0, 0.0),
     conditions: Conditions | None = None,
 ) -> GroundSlice:
-    """Cuts the window [from, to] along the track out of the ground, about ``origin_m`` (along, cross).
+    """Cuts the window [from, to] along the track out of the ground, relative to ``origin_m`` (along, cross).
 
     Args:
-        stones, utilities: rows of the result, the same for every block of a drive: nothing is compiled anew.
-        conditions: of the day; without any the ground is as its config says.
+        stones, utilities: numbers of rows of the result, the same for all blocks of a drive to avoid recompilation.
+        conditions: conditions of the day; ``None``: the ground of its config.
 
     Raises:
-        ValueError: the window holds more stones or utilities than asked for, or more than ``TRENCHES`` trenches.
+        ValueError: the window holds more stones or utilities than rows, or more than ``TRENCHES`` trenches.
     """
     conditions = usual_conditions() if conditions is None else conditions
     place_m, strength_m = ground.scatterers
@@ -280,7 +282,7 @@ def slice_ground(
     origin = np.asarray(origin_m, np.float64)
     seen = place_m[first:last]
     place = np.zeros((stones, 3), np.float32)
-    place[:, 2] = 1.0  # padding lies at a harmless depth: no division by zero
+    place[:, 2] = 1.0  # padding at a harmless depth avoids division by zero
     place[: len(seen)] = seen - np.append(origin, 0.0)
     strength = np.zeros(stones, np.float32)
     strength[: len(seen)] = strength_m[first:last]
@@ -318,7 +320,7 @@ def _extent(utilities: Utilities) -> tuple[Float[np.ndarray, " utility"], Float[
 
 
 def _near(utilities: Utilities, from_m: float, to_m: float, origin_m: Float[np.ndarray, "2"], rows: int) -> Utilities:
-    """Those that reach into the window, about the origin."""
+    """The utilities that reach into the window, relative to the origin."""
     low, high = _extent(utilities)
     inside = (high >= from_m) & (low <= to_m)
     if inside.sum() > rows:
@@ -341,7 +343,7 @@ def _near(utilities: Utilities, from_m: float, to_m: float, origin_m: Float[np.n
 def _trenches_within(
     trenches: Float[np.ndarray, "trench 5"], from_m: float, to_m: float, origin_m: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "kept 5"]:
-    """The trenches that reach into the window, about the origin; rows without one lie far away."""
+    """The trenches that reach into the window, relative to the origin; padding rows are far away."""
     inside = trenches[(trenches[:, 1] >= from_m) & (trenches[:, 0] <= to_m)]
     if len(inside) > TRENCHES:
         raise ValueError(f"window [{from_m}, {to_m}] holds {len(inside)} trenches, more than {TRENCHES}")

@@ -8,7 +8,7 @@ lose exp(-2 a R) on the way R in the ground and the two passages of the surface.
 A positive reflectivity is a step to a lighter (faster) material; a positive scattering length is a small object denser
 than the soil: it returns the pulse upright, an interface to denser soil turns it over (tests/physics).
 
-What is left out: multiple scattering, polarisation, the separation of transmitter and receiver (12.7 cm: 0.03 ns
+Not modelled: multiple scattering, polarisation, the separation of transmitter and receiver (12.7 cm: 0.03 ns
 at 0.5 m), waves that run along the surface, and the antenna's near field (0.3 m is a quarter of a wavelength at
 250 MHz: echoes come 0.25 ns later straight below in three dimensions, and in two 0.28 ns later still from 0.6 m aside).
 One velocity holds for the whole column: a layer's depth is its optical depth.
@@ -228,10 +228,10 @@ class ReceiverFaults:
 
     Attributes:
         gain_drift: relative change of the receiver's gain from the drive's start to its end (it warms up).
-        phase_drift_rad: change of its phase (heard in sweeps only).
-        dropped_share: of the scans, lost between radar and recorder.
-        clipped_share: of the scans, received four times too loud.
-        interference_share, interference_field: of the scans hit by a transmitter in the band, and how loudly.
+        phase_drift_rad: change of the receiver's phase (visible in sweeps only).
+        dropped_share: share of scans lost between radar and recorder.
+        clipped_share: share of scans received four times too strong.
+        interference_share, interference_field: share of scans hit by a transmitter in the band, and its field.
         dead_channels: channels whose antenna is not connected.
     """
 
@@ -260,8 +260,8 @@ class ScanErrors(NamedTuple):
     """Errors of each scan.
 
     Attributes:
-        gain, phase_rad: of the receiver.
-        interference: its field, 0 for most scans; its frequency.
+        gain, phase_rad: gain and phase of the receiver.
+        interference, interference_mhz: field, 0 for most scans, and frequency of the interference.
     """
 
     gain: Float[np.ndarray, " scan"]
@@ -354,10 +354,10 @@ ZERO_LEVEL = 128
 class ReceiverConfig:
     """Time gain and quantisation.
 
-    The surface is heard a hundred to a thousand times louder than what is buried at 2 m; in eight bits the
-    ground would be lost. So the receiver amplifies with time before it quantises (time-varying gain): the
-    gain follows p**2 exp(2 a R), the loss of an echo that spread over p = height + R / n after a way R in the ground,
-    up to ``gain_limit`` times its value at the surface. It is the same for every trace of every drive.
+    The surface echo is a hundred to a thousand times stronger than echoes from 2 m depth; eight bits would lose the
+    ground. So the receiver amplifies with time before it quantises (time-varying gain): the gain follows
+    p**2 exp(2 a R), the loss of an echo that spread over p = height + R / n after a way R in the ground, up to
+    ``gain_limit`` times its value at the surface. It is the same for every trace of every drive.
     """
 
     counts_per_field: float = 900.0
@@ -393,15 +393,15 @@ def record_scans(
     """Records a block of scans.
 
     Args:
-        key: of the drive's noise, the same for every block; scan ``first_scan + i`` draws from its own fold.
-        antenna_m: (along, cross, height above the ground) of every antenna at its own instant, about the
-            slice's origin.
-        errors: of these scans.
+        key: random key of the drive's noise, the same for every block; scan ``first_scan + i`` draws from its own fold.
+        antenna_m: (along, cross, height above the ground) of every antenna at its own instant, relative to the slice's
+            origin.
+        errors: errors of these scans.
         noise_field: rms of the noise before the time gain.
-        matrix: from ``trace_matrix``.
+        matrix: matrix from ``trace_matrix``.
 
     Returns:
-        Bytes, 128 for silence.
+        Samples as bytes; 128 is zero signal.
     """
     scans, channels, _ = antenna_m.shape
     echoes = received_echoes(ground, antenna_m.reshape(-1, 3), response, radar=radar)

@@ -1,9 +1,9 @@
-"""The road a scene lies along: arcs and transitions in plan, grade, bank and a rough surface; host, float64.
+"""The road of a scene: arcs and transitions in plan, grade, bank and a rough surface; host, float64.
 
 The *road frame* is (along, cross): ``along`` is the horizontal length of the centreline from the road's start,
-``cross`` the horizontal distance left of it. The ground is drawn in this frame, so the same place always has the
-same ground, whoever comes from wherever. A true length along the road is ``1 - curvature * cross`` times that of
-the frame: within the two metres that an antenna hears, 3 % at a radius of 60 m.
+``cross`` the horizontal distance left of it. The ground is drawn in this frame, so a place has the same ground on every
+drive. A true length along the road is ``1 - curvature * cross`` times that of the frame: within an antenna's aperture
+of two metres, the difference is 3 % at a radius of 60 m.
 """
 
 from dataclasses import dataclass
@@ -82,7 +82,7 @@ def _draw_wavelength(
 
 NODE_STEP_M = 0.1
 CONVERGED_M = 1e-9
-# Three-point Gauss-Legendre on [0, 1]: over one piece its error lies below float64's rounding.
+# Three-point Gauss-Legendre on [0, 1]: over one piece its error is below float64's rounding.
 GAUSS_PLACE = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
 GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 
@@ -92,13 +92,13 @@ class RoadConfig:
     """Shape of a road. The defaults are a straight, flat, smooth road to the east.
 
     Attributes:
-        length_m, margin_m: the road is along in [-margin, length + margin]; along = 0 lies at the local origin.
+        length_m, margin_m: the road is along in [-margin, length + margin]; along = 0 is at the local origin.
         heading_deg: compass heading at along = 0.
         arcs: (length_m, curvature_per_m) one after another from along = 0, curvature positive to the left;
             the first and the last go on to the road's ends. Empty: drawn from the seed.
-        curvature_rms_per_m, arc_length_m: of the drawn arcs: rms before the limit, range of the lengths.
-        min_radius_m: no arc is tighter.
-        transition_m: curvature passes from one arc to the next linearly over this length (a clothoid).
+        curvature_rms_per_m, arc_length_m: rms of the drawn curvatures before the limit, and range of the arcs' lengths.
+        min_radius_m: smallest radius of an arc.
+        transition_m: length of the linear change of curvature from one arc to the next (a clothoid).
         grade_rms, grade_wavelength_m: slope of the centreline (rise over horizontal run).
         bank_rms_rad, bank_wavelength_m: superelevation, positive where the left side is the higher one.
         roughness_rms_m, roughness_wavelength_m: undulations too short for a vehicle to follow, the same on each
@@ -128,11 +128,12 @@ class Road(NamedTuple):
     Between nodes the curvature is linear; outside, the end pieces go on.
 
     Attributes:
-        along_m, curvature_per_m: of each node.
-        turn_rad: the node's yaw less that at along = 0.
-        lag_m, aside_m: the node, seen from along = 0 in the direction there, lies along + lag ahead and
-            aside to the left. Zero on a straight, so that a straight road adds no rounding.
-        grade_m, bank_rad, roughness: of the surface.
+        along_m, curvature_per_m: position along the road and curvature of each node.
+        turn_rad: yaw of each node minus the yaw at along = 0.
+        lag_m, aside_m: position of each node seen from along = 0 in the direction there: along + lag ahead, and aside
+            to
+            the left. Zero on a straight, so that a straight road adds no rounding.
+        grade_m, bank_rad, roughness: height, bank and roughness of the surface.
     """
 
     config: RoadConfig
@@ -147,7 +148,7 @@ class Road(NamedTuple):
 
 
 class Centreline(NamedTuple):
-    """Where the centreline is and how it runs: yaw counter-clockwise from east, curvature positive to the left."""
+    """Position, yaw (counter-clockwise from east) and curvature (positive to the left) of the centreline."""
 
     east_m: Float[np.ndarray, "*place"]
     north_m: Float[np.ndarray, "*place"]
@@ -168,7 +169,7 @@ def make_road(seed: int, config: RoadConfig) -> Road:
     """
     if not min(config.length_m, config.min_radius_m, config.transition_m, config.arc_length_m[0]) > 0:
         raise ValueError("a road's length, smallest radius, transition and arcs must be longer than 0")
-    # Effects count from 1: a seed's trailing zero would not make a stream of its own.
+    # Effects count from 1, because a seed's trailing zero would not make a separate stream.
     rng_arcs, rng_grade, rng_bank, rng_rough = (np.random.default_rng([seed, 6, effect]) for effect in (1, 2, 3, 4))
     before = int(np.ceil(config.margin_m / NODE_STEP_M))
     after = int(np.ceil((config.length_m + config.margin_m) / NODE_STEP_M))
@@ -235,13 +236,13 @@ def local_to_road(
     north_m: Float[np.ndarray, "*place"],
     along_guess_m: Float[np.ndarray, "*place"],
 ) -> tuple[Float[np.ndarray, "*place"], Float[np.ndarray, "*place"]]:
-    """Along and cross of local points: the closest point of the centreline near the guess, by Newton's method.
+    """Along and cross of local points, m: the closest point of the centreline near the guess, by Newton's method.
 
     Args:
-        along_guess_m: which of the road's passes is meant; a quarter of the smallest radius away will do.
+        along_guess_m: initial position along the road, within about a quarter of the smallest radius.
 
     Raises:
-        ValueError: no closest point is found, since a point lies beyond a curve's centre or far from its guess.
+        ValueError: no closest point is found, because a point is beyond a curve's centre or far from its guess.
     """
     along = np.asarray(along_guess_m, np.float64)
     for _ in range(20):

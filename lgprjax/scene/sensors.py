@@ -26,20 +26,21 @@ class NavigationErrors:
     """Errors of the navigation sensors. Events come at given times, and at random at a rate; none by default.
 
     Attributes:
-        rate_hz, odometer_rate_hz: of the pose track and of the odometer (None: the same).
-        position_sigma_m, position_bias_m: of east and of north; the bias (east, north) stays for the drive.
-        height_sigma_m, heading_sigma_rad, roll_sigma_rad: of the other components.
-        correlation_s: time constant of all of them: first-order Gauss-Markov, exp(-t / correlation).
-        jump_start_s, jumps_per_hour, jump_held_s, jump_sigma_m: each displaces east and north at once by a normal
-            deviate of this sigma and holds it.
-        jump_sigma_factor: reported position sigmas during a jump, relative to those without: 1 gives nothing away.
+        rate_hz, odometer_rate_hz: rates of the pose track and of the odometer (``None``: the same).
+        position_sigma_m, position_bias_m: standard deviation of east and north, and constant bias (east, north).
+        height_sigma_m, heading_sigma_rad, roll_sigma_rad: standard deviations of the other components.
+        correlation_s: time constant of these errors: first-order Gauss-Markov, exp(-t / correlation).
+        jump_start_s, jumps_per_hour, jump_held_s, jump_sigma_m: start times, rate, duration and standard deviation of
+            jumps, which displace east and north at once.
+        jump_sigma_factor: reported position sigmas during a jump, relative to those without; 1: the jump is not
+            reported.
         outages_s, outages_per_hour, outage_held_s: (start, stop) intervals without GNSS.
-        velocity_walk, heading_walk: in an outage, m/s and rad a root second; of east, north and height alike.
+        velocity_walk, heading_walk: random walks in an outage, m/s/√s (each of east, north and height) and rad/√s.
         odometer_scale_error, odometer_noise_m: distance reads (1 + scale) times the truth plus white noise.
         odometer_drift, odometer_drift_s: sigma and time constant of a slow part of the scale (Gauss-Markov).
         slips_s, slips_per_hour, slip_held_s: (start, stop) intervals in which the wheels slip.
-        slip_fraction: the wheels turn by this much more than the ground passes.
-        odometer_step_m: distance that one count of the encoder stands for; 0 reads continuously.
+        slip_fraction: share by which the wheels turn more than the ground passes.
+        odometer_step_m: distance per count of the encoder; 0: continuous readings.
     """
 
     rate_hz: float = 100.0
@@ -81,7 +82,7 @@ class OdometerTrack(NamedTuple):
 class PoseTrack(NamedTuple):
     """Poses of the body origin (east_m, north_m, height_m, yaw_rad, roll_rad).
 
-    ``sigma`` is what the receiver says of each, in the same units; None for a track known without error.
+    ``sigma`` is the reported standard deviation of each, in the same units; ``None`` for an exactly known track.
     """
 
     time_s: Float[np.ndarray, " time"]
@@ -90,9 +91,9 @@ class PoseTrack(NamedTuple):
 
 
 def observe_drive(motion: DriveMotion, errors: NavigationErrors, seed: int) -> tuple[OdometerTrack, PoseTrack]:
-    """Odometer and GNSS/INS over the drive and one sample past its end: every scan lies between samples.
+    """Odometer and GNSS/INS over the drive and one sample past its end, so that every scan is between samples.
 
-    Every effect draws from a stream of its own: switching one on leaves the others as they were.
+    Every effect draws from its own random stream, so switching one on does not change the others.
 
     Raises:
         ValueError: a rate is not positive, or an outage or a slip does not end after it starts.
@@ -106,7 +107,7 @@ def observe_drive(motion: DriveMotion, errors: NavigationErrors, seed: int) -> t
     rng = np.random.default_rng([seed, 3])
     time_s, wheel_s = (_sample_times(motion, rate_hz) for rate_hz in (errors.rate_hz, odometer_hz))
     white = rng.normal(size=time_s.size)
-    if odometer_hz != errors.rate_hz:  # the draw above stands, for the pose errors that follow it in this stream
+    if odometer_hz != errors.rate_hz:  # the draw above remains, for the pose errors that follow in its stream
         white = _stream(seed, 1).normal(size=wheel_s.size)
     sigma = _component_sigma(errors)
     keep = float(np.exp(-1.0 / (errors.rate_hz * errors.correlation_s)))
@@ -248,24 +249,24 @@ def _read_odometer(
     return np.asarray(distance_m)
 
 
-# Fixes without ground or radar: what registration would be wrong by, drawn from a model calibrated on real searches.
+# Fixes without ground or radar: registration errors drawn from a model calibrated on real searches.
 #
-# An error of a fix hardly changes from scan to scan: neighbouring scans hear the same ground. It is a Gauss-Markov
-# process over the way, beside a white part. Fixes fail in stretches, not one by one: where the ground is poor.
+# The error of a fix hardly changes from scan to scan, because neighbouring scans see the same ground: it is a
+# Gauss-Markov process over distance, plus a white part. Fixes fail in stretches, where the ground is poor.
 
 
 class FixErrors(NamedTuple):
-    """Errors of fixes along, across and in heading, and where there are none. Scalars or one value per batch element.
+    """Errors of fixes along, across and in heading, and gaps between fixes. Scalars or one value per batch element.
 
     Attributes:
-        slow_sigma: of the slowly changing part: along_m, cross_m, yaw_rad.
-        slow_m: way over which it changes.
-        white_sigma: of the part that is new with every fix.
-        bias: that stays.
-        reported_sigma: what a fix says of itself.
-        found_m, lost_m: mean lengths of stretches with fixes, and without.
-        strength: correlation times the root of the overlap where there are fixes.
-        p_false: probability that ground which is not the map's would have matched as well, where there are fixes.
+        slow_sigma: standard deviations of the slow error: along_m, cross_m, yaw_rad.
+        slow_m: correlation distance of the slow error.
+        white_sigma: standard deviations of the error that is independent between fixes.
+        bias: constant error.
+        reported_sigma: standard deviations reported by a fix.
+        found_m, lost_m: mean lengths of stretches with and without fixes.
+        strength: correlation times the root of the overlap in stretches with fixes.
+        p_false: probability that ground outside the map would match as well, in stretches with fixes.
     """
 
     slow_sigma: Float[Array, "... 3"]
@@ -309,9 +310,9 @@ def step_fix_errors(
     return FixErrorState(slow, found), error
 
 
-# Error models of fixes on days of the generated off-road course, measured by driving it with full registration.
+# Error models of fixes on days of the generated off-road course, measured in drives with full registration.
 #
-# ``python -m benchmarks closed-loop`` drives the courses and tells the numbers again (``benchmarks.accuracy``).
+# ``python -m benchmarks closed-loop`` drives the courses and measures the numbers again (``benchmarks.accuracy``).
 
 _DAYS: dict[str, dict[str, tuple[float, ...]]] = {
     "clear": {
@@ -344,20 +345,21 @@ def calibrated_fixes(weather: str) -> FixErrors:
 
 
 class SensorFaults(NamedTuple):
-    """Faults by time since the start of the drive: intervals [from, to) in seconds, or a moment from which they last.
+    """Faults by time since the start of the drive: intervals [from, to) in seconds, or start times without an end.
 
     Attributes:
-        gnss_lost_s: no positions.
-        gnss_frozen_s: the receiver repeats its last one, and gives none before it had a first.
-        gnss_jump_s, gnss_jump_m: from this moment on positions are wrong by this, east and north.
-        gnss_drift_s, gnss_drift_mps: from this moment on they drift away, as by a spoofer.
-        heading_lost_s: no INS heading.
-        odometer_lost_s: no odometry.
-        slip_s, slip: the wheels turn by this share more than the ground passes.
-        lgpr_lost_s: no scans.
-        lgpr_wrong_s, lgpr_wrong_m: fixes lie on a wrong place, confidently, east and north.
-        lgpr_faded_s, lgpr_faded: the strength of every match falls to this share; how far above the noise floor
-            that is decides whether fixes fail.
+        gnss_lost_s: interval without positions.
+        gnss_frozen_s: interval in which the receiver repeats its last position, if it had one.
+        gnss_jump_s, gnss_jump_m: start and size of a constant position error, east and north.
+        gnss_drift_s, gnss_drift_mps: start and rate of a position drift, as by a spoofer, east and north.
+        heading_lost_s: interval without INS heading.
+        odometer_lost_s: interval without odometry.
+        slip_s, slip: interval of slip, and share by which the wheels turn more than the ground passes.
+        lgpr_lost_s: interval without scans.
+        lgpr_wrong_s, lgpr_wrong_m: interval and size of wrong, overconfident fixes, east and north.
+        lgpr_faded_s, lgpr_faded: interval and remaining share of the strength of matches; fixes fail if it falls too
+            near
+            the noise floor.
     """
 
     gnss_lost_s: Float[Array, "... 2"]
@@ -378,7 +380,7 @@ class SensorFaults(NamedTuple):
 
 
 def no_faults() -> SensorFaults:
-    """Nothing goes wrong; ``_replace`` what should."""
+    """Faults that never occur; use ``_replace`` to set some."""
     never, nothing = jnp.full(2, jnp.inf, jnp.float32), jnp.zeros(2, jnp.float32)
     late, zero, one = jnp.float32(jnp.inf), jnp.float32(0.0), jnp.float32(1.0)
     return SensorFaults(
@@ -401,16 +403,18 @@ class LiveSensors(NamedTuple):
     """Sensor properties. Scalars or one value per batch element.
 
     Attributes:
-        gnss_ticks: ticks from one position to the next.
+        gnss_ticks: ticks between positions.
         gnss_x_m, gnss_y_m: antenna in the body, forward and left of the rear axle.
-        gnss_sigma_m: white error an axis.
-        gnss_slow_m, gnss_slow_s: sigma an axis and time constant of the slow error, against the map's frame.
+        gnss_sigma_m: white error of a position, per axis.
+        gnss_slow_m, gnss_slow_s: standard deviation per axis and time constant of the slow error in the map's frame.
         yaw_rate_noise: white noise of the gyro, rad/s/√Hz.
-        rate_bias_radps, rate_bias_walk: sigma at the start; rad/s/√s.
+        rate_bias_radps, rate_bias_walk: standard deviation of the gyro bias at the start, and its random walk,
+            rad/s/√s.
         heading_sigma_rad: white error of the INS heading.
-        heading_slow_rad, heading_slow_s: its slow error.
-        odometer_mps: white error of the speed by the wheels.
-        odometer_scale, odometer_scale_walk: sigma of the scale at the start; 1/√s.
+        heading_slow_rad, heading_slow_s: standard deviation and time constant of the slow heading error.
+        odometer_mps: white error of the wheel speed.
+        odometer_scale, odometer_scale_walk: standard deviation of the scale error at the start, and its random walk,
+            1/√s.
     """
 
     gnss_ticks: Int[Array, "..."]
@@ -444,13 +448,13 @@ class Readings(NamedTuple):
     """Sensor readings at the end of a tick.
 
     Attributes:
-        gnss_m: antenna, east and north.
-        gnss_valid: there is a new position.
-        yaw_rate_radps: mean over the tick.
+        gnss_m: position of the antenna, east and north.
+        gnss_valid: whether there is a new position.
+        yaw_rate_radps: mean yaw rate over the tick.
         heading_rad: yaw of the body.
-        heading_valid: the INS gives one.
+        heading_valid: whether the INS gives a heading.
         odometer_mps: mean forward speed over the tick.
-        odometer_valid: the wheels are counted.
+        odometer_valid: whether there is odometry.
     """
 
     gnss_m: Float[Array, "... 2"]
@@ -465,12 +469,12 @@ class Readings(NamedTuple):
 def live_sensors(
     *, tick_s: float, gnss_x_m: float = 0.0, gnss_y_m: float = 0.0, gnss_slow_m: float = 0.03, gnss_hz: float = 7.0
 ) -> LiveSensors:
-    """RTK GNSS with a MEMS INS and wheel odometry, of usual grades: assumptions, no maker's figures.
+    """RTK GNSS with a MEMS INS and wheel odometry of usual grades: assumed values, not a manufacturer's.
 
     Args:
-        tick_s: of the loop.
-        gnss_x_m, gnss_y_m: antenna in the body.
-        gnss_slow_m: how far the position wanders from the map's frame.
+        tick_s: tick of the loop.
+        gnss_x_m, gnss_y_m: antenna in the body, forward and left.
+        gnss_slow_m: standard deviation of the slow position error in the map's frame.
         gnss_hz: rate of positions, rounded to whole ticks.
     """
     one = jnp.float32
@@ -519,11 +523,11 @@ def read_live_sensors(
     """Readings at the end of a tick; one batch element.
 
     Args:
-        model, faults: the sensors, and what is wrong with them when.
-        state: of their errors.
-        key: of this tick's noise.
-        pose: true, of the rear axle, at the tick's end.
-        speed_mps, yaw_rate_radps: true, means over the tick.
+        model, faults: properties and faults of the sensors.
+        state: state of the sensors' errors.
+        key: random key of this tick's noise.
+        pose: true pose of the rear axle at the tick's end.
+        speed_mps, yaw_rate_radps: true means over the tick.
         tick: number of this tick, from 1.
         tick_s: length of a tick.
     """

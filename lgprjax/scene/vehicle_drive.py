@@ -43,13 +43,13 @@ DEGREE = np.pi / 180.0
 
 
 class DriveTruth(NamedTuple):
-    """How a drive was, at the simulation's steps.
+    """True motion of a drive at the simulation's steps.
 
     Attributes:
-        time_s: from 0.
-        east_m, north_m, yaw_rad: of the rear axle; from the origin, along the x axis.
-        travel_m, speed_mps: along the body axis; negative speed in reverse.
-        front_rad, rear_rad: of the wheels, counter-clockwise positive.
+        time_s: times from 0.
+        east_m, north_m, yaw_rad: pose of the rear axle; the drive starts at the origin, along the x axis.
+        travel_m, speed_mps: distance and speed along the body axis; negative speed in reverse.
+        front_rad, rear_rad: wheel angles, counter-clockwise positive.
         motor_rad: steering angle at the encoder, before the play.
         steering_rad: steering angle at the potentiometer, behind it.
     """
@@ -71,22 +71,23 @@ class VehicleSensors:
     """Rates, noise and faults of the sensors. Sigmas are of white noise unless stated otherwise.
 
     Attributes:
-        record_hz: of the log; the simulation's 100 Hz or a whole part of it.
-        gnss_hz: of the fixes; records between have no position.
-        position_sigma_m: of east and of north.
+        record_hz: rate of the log; the simulation's 100 Hz or a whole part of it.
+        gnss_hz: rate of the fixes; records between have no position.
+        position_sigma_m: white error of east and of north.
         position_wander_m, position_wander_s: sigma and time constant of a slow error of each (Gauss-Markov) against
-            the true frame; navigation knows nothing of it, its sigma is that of the white part.
-        heading_sigma_rad, heading_wander_rad, heading_wander_s: the same of the INS heading, at every record.
-        heading_bias_rad: by which the INS is mounted askew.
-        front_sigma_rad, rear_sigma_rad, potentiometer_sigma_v: of the steering sensors.
+            the true frame; navigation does not report it: its sigma is that of the white part.
+        heading_sigma_rad, heading_wander_rad, heading_wander_s: white and slow errors of the INS heading, at every
+            record.
+        heading_bias_rad: misalignment of the INS.
+        front_sigma_rad, rear_sigma_rad, potentiometer_sigma_v: white noise of the steering sensors.
         odometer_scale_error, odometer_sigma_m: distance reads (1 + scale) times the truth plus noise.
         yaw_rate_noise: white noise of the gyro, rad/s/√Hz.
-        yaw_rate_bias_radps, yaw_rate_bias_walk: its bias at the start, and the bias's random walk in rad/s/√s.
-        fix_hz: of the radar's fixes, for drives that have any; the simulation's 100 Hz or a whole part of it.
+        yaw_rate_bias_radps, yaw_rate_bias_walk: bias of the gyro at the start, and its random walk in rad/s/√s.
+        fix_hz: rate of the radar's fixes, in drives with fixes; the simulation's 100 Hz or a whole part of it.
         outlier_share, outlier_m: share of fixes that are displaced, by a normal deviate of this sigma.
         spike_share, spike_v: share of potentiometer readings that are displaced, by a normal deviate of this sigma.
         gnss_gaps_s: (start, stop) intervals without fixes.
-        record_gaps_s: (start, stop) intervals that the log has lost altogether.
+        record_gaps_s: (start, stop) intervals without any records.
     """
 
     record_hz: float = 50.0
@@ -125,7 +126,7 @@ def read_sensors(
 ) -> DriveSignals:
     """The log of a drive. The encoder's zero is drawn: it is unknown at every start.
 
-    Every effect draws from a stream of its own: switching one on leaves the others as they were.
+    Every effect draws from its own random stream, so switching one on does not change the others.
 
     Raises:
         ValueError: the record rate is no whole part of the simulation's, or fixes come faster than records.
@@ -230,17 +231,17 @@ def _wander(
 
 @dataclass(frozen=True)
 class TrueVehicle:
-    """A true vehicle for simulated drives. The numbers are made up.
+    """A true vehicle for simulated drives. The numbers are invented.
 
     Attributes:
         wheelbase_m, largest_angle_rad, characteristic_speed_mps: as in ``Chassis``.
-        rear: k, or a measured map.
-        linkage: between the steering shaft, which potentiometer and encoder see, and the front wheels; None for a
-            proportional one.
+        rear: rear ratio k, or a measured map of rear angles.
+        linkage: linkage between the steering shaft, which potentiometer and encoder measure, and the front wheels;
+            ``None``: proportional.
         lag_s, rate_radps, delay_s, dead_band_rad, backlash_rad, asymmetry, nominal_v, stall_v: as in ``Servo``.
         potentiometer_straight_v, potentiometer_per_rad_v: as in ``Potentiometer``.
         encoder_counts_per_rad: as in ``Encoder``.
-        lock_to_lock_turns: of the steering wheel.
+        lock_to_lock_turns: turns of the steering wheel from lock to lock.
         throttle, brake: (pre-tension, dead zone, gain in m/s², lag in s), as in ``Pedal``.
         rolling_mps2, drag_per_s: as in ``Pedals``.
         array_x_m: centre of the radar's array ahead of the rear axle, on the centre line.
@@ -304,13 +305,13 @@ def pedals_of(vehicle: TrueVehicle) -> Pedals:
 def simulate_vehicle_drive(
     vehicle: TrueVehicle, manoeuvre: Manoeuvre, sensors: VehicleSensors | None = None, seed: int = 0
 ) -> VehicleDrive:
-    """Drives the manoeuvre and logs it.
+    """Simulate and log a manoeuvre.
 
     Args:
-        vehicle: as it is.
-        manoeuvre: what it is told.
-        sensors: their noise and faults; None for the usual ones.
-        seed: of all noise, and of the encoder's unknown zero.
+        vehicle: true vehicle.
+        manoeuvre: commands to the vehicle.
+        sensors: rates, noise and faults of the sensors; ``None``: the usual ones.
+        seed: seed of all noise, and of the encoder's unknown zero.
     """
     truth = drive_manoeuvre(vehicle, manoeuvre)
     return VehicleDrive(read_vehicle(vehicle, manoeuvre, truth, sensors or VehicleSensors(), seed), truth)
@@ -374,7 +375,7 @@ def _steering_angle(vehicle: TrueVehicle, wheel_rad: Float[np.ndarray, " step"])
 
 
 def _padded(signal: Float[np.ndarray, " step"], steps: int) -> Float[Array, " steps"]:
-    """At the length of a compiled loop, the last value going on."""
+    """A signal padded with its last value to the length of a compiled loop."""
     return jnp.asarray(np.pad(signal, (0, steps - signal.size), mode="edge"), jnp.float32)
 
 
@@ -454,15 +455,16 @@ _BLOCK_SCANS = 1024
 
 
 class VehicleFixes(NamedTuple):
-    """Fixes of the array's centre in the drive's frame, one a scan.
+    """Fixes of the array's centre in the drive's frame, one per scan.
 
     Attributes:
-        time_s: of the scans.
-        found: where there is a fix; the others' poses are not a number.
+        time_s: scan times.
+        found: whether the scan has a fix; poses of other scans are NaN.
         pose: east_m, north_m, height_m, yaw_rad, roll_rad.
-        covariance: of them, as the fixes report it.
-        sigma_m: along and across the fix's heading, as reported.
-        strength: correlation of the fixes that there are; p_false: probability that their matches are false.
+        covariance: reported covariance of the pose.
+        sigma_m: reported standard deviation along and across the fix's heading.
+        strength: correlation of the fixes.
+        p_false: probability that a fix's match is false.
     """
 
     time_s: Float[np.ndarray, " scan"]
@@ -477,14 +479,14 @@ class VehicleFixes(NamedTuple):
 def draw_vehicle_fixes(
     truth: DriveTruth, errors: FixErrors, *, array_x_m: float, rate_hz: float, seed: int
 ) -> VehicleFixes:
-    """The fixes that a drive's scans would give.
+    """Draw the fixes of a drive's scans.
 
     Args:
-        truth: of the drive.
-        errors: what fixes are wrong by.
-        array_x_m: the array's centre ahead of the rear axle, on the centre line.
-        rate_hz: of the scans, the simulation's 100 Hz or a whole part of it.
-        seed: of all that is drawn.
+        truth: true motion of the drive.
+        errors: error model of the fixes.
+        array_x_m: distance of the array's centre ahead of the rear axle, on the centre line.
+        rate_hz: rate of the scans, the simulation's 100 Hz or a whole part of it.
+        seed: seed of all draws.
 
     Raises:
         ValueError: the rate is no whole part of the simulation's.
@@ -503,7 +505,7 @@ def draw_vehicle_fixes(
     north = truth.north_m[scan] + sin * along + cos * aside
     pose = np.stack([east, north, level, yaw + error[:, 2], level], axis=1)
     reported = np.asarray(errors.reported_sigma, np.float64)
-    # Reported along and across the heading that the fix itself tells.
+    # Reported along and across the heading of the fix itself.
     cos, sin = np.cos(pose[:, 3]), np.sin(pose[:, 3])
     turned = np.stack([np.stack([cos, -sin], axis=1), np.stack([sin, cos], axis=1)], axis=1)
     covariance = np.zeros((scan.size, 5, 5))

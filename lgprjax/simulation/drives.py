@@ -68,12 +68,12 @@ def describe_drive(
     sweeps: SweepPlan | None = None,
     provenance: Mapping[str, object] | None = None,
 ) -> DriveDescription:
-    """Everything of a simulated drive but its radar data; the truth included.
+    """Description of a simulated drive without its radar data, including the truth.
 
     Args:
-        frame: where the road begins on the globe.
-        sweeps: what a stepped-frequency radar measures; None for one that records traces.
-        provenance: of the site, beside the drive's own.
+        frame: local frame at the start of the road.
+        sweeps: sweep plan of a stepped-frequency radar; ``None`` for a radar that records traces.
+        provenance: provenance of the site, added to the drive's own.
     """
     radar = drive.radar
     traces = TraceRecording(
@@ -84,7 +84,7 @@ def describe_drive(
         samples=radar.samples,
     )
     own = {"program": f"lgprjax {__version__}", "synthetic": True, "drive_seed": drive.seed, "day": asdict(drive.day)}
-    # A log's height is the road's below the vehicle: of what navigation says, its error counts and the springs do not.
+    # A log's height is that of the road below the vehicle: it includes navigation's error and excludes the springs.
     wrong_m = drive.navigation.pose[:, 2] - drive.navigation_springs_m
     return DriveDescription(
         name=name,

@@ -1,8 +1,8 @@
-"""A field worked in closed loop: vehicle, sensors, the step that runs on board, and round again; whole fields compiled.
+"""Closed loop of a worked field: vehicle, sensors, and the onboard step; whole fields are one compiled program.
 
-A driver drives the vehicle straight on towards the route, and engages near its start once the heading is known and the
-health is sound; the computer does the rest. A stop that was asked for goes on, as in the mode machine: such a lane
-stands to the end.
+A driver drives the vehicle straight towards the route, and engages near its start once the heading is known and the
+health is sound; the computer does the rest. A requested stop persists, as in the mode machine: that element stays
+stopped.
 """
 
 from dataclasses import dataclass
@@ -78,7 +78,7 @@ from lgprjax.vehicle.kinematics import SkidSteer, VehiclePose, WheelSpeeds, whee
 
 TICK_S = 0.02
 MOMENT_TICKS = 5
-"""Rate of the recorded moments: ten a second."""
+"""Rate of the recorded moments: ten per second."""
 SPARE_M = 0.8
 """Spare room between the route's need beyond the perimeter and the fence."""
 _TRACK_M = 1.1
@@ -90,10 +90,10 @@ class FieldLoopSpec:
     """Static settings, the same for all batch elements.
 
     Attributes:
-        moments: of 0.1 s, how many.
-        guidance: law.
-        delay_slots: ticks of the plant's longest delay.
-        run_up_m: the driver starts so far before the route and drives straight until the heading is known.
+        moments: number of moments of 0.1 s.
+        guidance: guidance law.
+        delay_slots: longest delay of the plant, ticks.
+        run_up_m: distance before the route at which the driver starts, to drive straight until the heading is known.
     """
 
     moments: int
@@ -103,14 +103,15 @@ class FieldLoopSpec:
 
 
 class FieldWorld(NamedTuple):
-    """World and vehicle, and what runs on board; every lane draws its own track, slips and errors of sensors.
+    """World, vehicle and onboard setup; every batch element draws its own track width, slips and sensor errors.
 
     Attributes:
-        plant, sensors: the world's; track_sigma: share by which a lane's track differs from the plant's.
-        setup: of the step.
-        set_speed_mps: that the operator locked.
-        largest_base_m: by other laws than the filter's, with a base that is off by as much at most, see
-            ``scene.other_laws``; ``None``: by the filter's own.
+        plant, sensors: plant and sensors of the world.
+        track_sigma: relative standard deviation of the track width between batch elements.
+        setup: setup of the onboard step.
+        set_speed_mps: speed locked by the operator.
+        largest_base_m: largest base error under the error laws of ``scene.other_laws``; ``None``: error laws of the
+            filter.
     """
 
     plant: SkidPlant
@@ -135,11 +136,11 @@ def made_up_tool() -> Tool:
 
 
 def made_up_field_world(*, set_speed_mps: float = 0.45, off_s: float = 0.0, every_s: float = 90.0) -> FieldWorld:
-    """A made-up mini-flail: no number is a real machine's.
+    """A simulated mini-flail with invented numbers.
 
     Args:
-        set_speed_mps: MF: 0.11 to 0.45 m/s.
-        off_s, every_s: GNSS is silent for the last ``off_s`` of every ``every_s``.
+        set_speed_mps: speed locked by the operator (MF: 0.11 to 0.45 m/s).
+        off_s, every_s: outage and period of GNSS outages: no fixes in the last ``off_s`` of every ``every_s``.
     """
     one = jnp.float32
     sensors = default_skid_sensors(tick_s=TICK_S, gnss_x_m=_GNSS_X_M, gnss_y_m=0.0)
@@ -176,22 +177,22 @@ def rectangle_course(
 
 _BELIEVED_OFF_M = 0.3
 _ENGAGE_M = 3.0
-"""So far before the route's start the driver engages at the earliest: farther out lies beyond the fence."""
+"""Largest distance before the route's start at which the driver engages, m; farther out is beyond the fence."""
 _DRIVER = 0.3, 0.8, 0.1
-"""Of the driver, who sees where he drives: yaw rate a metre aside and a radian turned, and its largest, rad/s."""
+"""The driver's steering by the true pose: yaw rate per metre aside and per radian turned, and its limit, rad/s."""
 
 
 class FieldState(NamedTuple):
     """State of a batch element from tick to tick.
 
     Attributes:
-        track_m: of its plant.
-        plant, sensors: the world's.
-        skid: what runs on board.
-        command: drives the next tick.
-        handover: whether the computer drives.
-        tick: how many have passed.
-        laws: other than the filter's, and what they carry.
+        track_m: effective track width of the plant.
+        plant, sensors: states of plant and sensors.
+        skid: state of the onboard step.
+        command: command for the next tick.
+        handover: state of the handover to the computer.
+        tick: number of ticks passed.
+        laws: error laws that differ from the filter's, and their state; ``None``: error laws of the filter.
     """
 
     track_m: Float[Array, ""]
@@ -205,22 +206,24 @@ class FieldState(NamedTuple):
 
 
 class FieldMoment(NamedTuple):
-    """Record of a moment, ten times a second.
+    """Record of a moment, ten times per second.
 
     Attributes:
         x_m, y_m, yaw_rad: true pose of the reference point.
-        believed: the estimate of it; covariance: of x, y and yaw.
-        cross_m: true, from the route, left positive.
-        speed_mps: true.
-        turn_mps: difference of the wheels that was commanded.
-        tool: 1 where it was told on; line: of the pattern, −1 in turns.
-        to_go_m: to the route's end.
-        heard: GNSS spoke within the last 1.5 s.
-        engaged, stopping, done: the computer drives; was told to stop; has reached the route's end.
-        edge: a crossing of the fence is predicted.
-        reasons: bits of ``Reason``; limited: of ``SkidLimited``.
-        sigma_m: of the position, by the estimate.
-        tool_m: by how much the tool is mounted elsewhere than believed, forward and left.
+        believed: estimated pose of the reference point.
+        covariance: covariance of the estimated x, y and yaw.
+        cross_m: true lateral offset from the route, left positive.
+        speed_mps: true speed.
+        turn_mps: commanded speed difference of the wheels.
+        tool: 1 if the tool is commanded on.
+        line: line of the pattern, −1 in turns.
+        to_go_m: distance to the route's end.
+        heard: whether a GNSS fix arrived within the last 1.5 s.
+        engaged, stopping, done: whether the computer drives, has a stop command, and has reached the route's end.
+        edge: whether a crossing of the fence is predicted.
+        reasons, limited: bits of ``Reason`` and of ``SkidLimited``.
+        sigma_m: estimated standard deviation of the position.
+        tool_m: error of the tool's mounting position, forward and left.
     """
 
     x_m: Float[Array, "..."]
@@ -252,12 +255,12 @@ def run_fields(
     fence: Float[Array, "side 2 2"],
     keys: Key[Array, " lane"],
 ) -> FieldMoment:
-    """Drives of one field, one for each key; records have the axes moment and lane.
+    """Drives of one field, one for each key; records have the axes moment and batch element.
 
     Args:
-        spec: compiled in.
-        world, route, fence: all lanes'.
-        keys: of the lanes' draws.
+        spec: static settings.
+        world, route, fence: world, route and fence of all batch elements.
+        keys: random keys of the batch elements.
 
     Raises:
         ValueError: a fix would arrive when the next one is measured, or later.
@@ -289,7 +292,7 @@ def _run_fields(
 
 
 def _start(spec: FieldLoopSpec, world: FieldWorld, route: CoverRoute, key: PRNGKeyArray) -> FieldState:
-    """A lane before its first tick: its vehicle stands before the route's start, in the route's direction."""
+    """Initial state of one batch element: the vehicle is before the route's start, in the route's direction."""
     track_key, plant_key, sensor_key, place_key = jax.random.split(key, 4)
     begin = route_point(route, jnp.float32(-spec.run_up_m))
     track_m = world.plant.track_m * (1.0 + world.track_sigma * jnp.clip(jax.random.normal(track_key), -2.0, 2.0))
@@ -424,7 +427,7 @@ def _kept(route: CoverRoute, state: FieldState, info: SkidInfo) -> FieldMoment:
 # The vehicle of MF section 4: one that ignores small commands to turn, along one straight line, with three PIDs.
 
 THRESHOLD_MPS = 0.3
-"""Of the wheels' difference: the vehicle turns by 0.27 rad/s or not at all."""
+"""Threshold of the wheels' speed difference, below which the vehicle does not turn: its least turn is 0.27 rad/s."""
 _LATE_S = 0.4
 _WHEEL_RATE_MPS2 = 2.0
 
@@ -437,12 +440,12 @@ PIDS = {
 
 
 def threshold_world(pid: tuple[float, float, float, float], *, threshold_mps: float, believed_mps: float) -> FieldWorld:
-    """A flail at 1 mph whose hydraulics are 0.4 s late and as slow again.
+    """A flail at 1 mph whose hydraulics have 0.4 s of dead time and as much lag.
 
     Args:
         pid: one of ``PIDS``.
-        threshold_mps: of the vehicle; 0 obeys everything.
-        believed_mps: that is made up for; 0 makes up for nothing.
+        threshold_mps: control threshold of the vehicle; 0: none.
+        believed_mps: threshold that the controller compensates; 0: none.
     """
     world, one = made_up_field_world(), jnp.float32
     carrot = CarrotSettings(*(one(value) for value in pid), *world.setup.carrot[len(pid) :])

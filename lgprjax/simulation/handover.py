@@ -1,4 +1,4 @@
-"""When the simulated driver of a closed loop hands over to the computer, and that a stop goes on: for every vehicle."""
+"""Handover from the simulated driver of a closed loop to the computer, and persistence of stops, for every vehicle."""
 
 from typing import NamedTuple
 
@@ -7,11 +7,11 @@ from jaxtyping import Array, Bool
 
 
 class Handover(NamedTuple):
-    """Who drives a vehicle in the next tick.
+    """Driver of the vehicle in the next tick.
 
     Attributes:
-        engaged: the computer does; it was never taken from it.
-        stopping: it was told to stop: that goes on when the reason is gone, as in the mode machine.
+        engaged: whether the computer drives; once engaged, it stays so.
+        stopping: whether the computer has a stop command, which persists without its reason, as in the mode machine.
     """
 
     engaged: Bool[Array, "..."]
@@ -19,16 +19,16 @@ class Handover(NamedTuple):
 
 
 def init_handover() -> Handover:
-    """The driver drives."""
+    """Initial state: the driver drives."""
     return Handover(jnp.asarray(False), jnp.asarray(False))
 
 
 def step_handover(handover: Handover, *, sound: Bool[Array, "..."], stop: Bool[Array, "..."]) -> Handover:
-    """After a tick.
+    """State after a tick.
 
     Args:
-        handover: that the tick was driven with.
-        sound: the driver sees no reason not to engage.
-        stop: the tick asked for a stop; before the computer drives that says nothing.
+        handover: state during the tick.
+        sound: whether the driver has no reason against engaging.
+        stop: whether the tick commanded a stop, which has no effect before the computer drives.
     """
     return Handover(handover.engaged | sound, handover.stopping | (handover.engaged & stop))

@@ -33,9 +33,9 @@ class SiteHeader:
     """Name of a site, and the start of its road on the globe.
 
     Attributes:
-        name: of the site.
-        seed: of road and ground, and of everything that has no seed of its own.
-        latitude_deg, longitude_deg, height_m: WGS-84 of the road's start.
+        name: name of the site.
+        seed: seed of road and ground, and of everything without its own seed.
+        latitude_deg, longitude_deg, height_m: WGS-84 position of the road's start.
     """
 
     name: str
@@ -47,12 +47,13 @@ class SiteHeader:
 
 @dataclass(frozen=True)
 class ArrayConfig:
-    """An even array across the vehicle.
+    """A uniform array across the vehicle.
 
     Attributes:
-        channels, pitch_m: how many antennas, and how far apart.
-        x_m: ahead of the rear axle. height_m: above the ground at rest.
-        scan_rate_hz: scans a second; the channels are switched one after another within a scan.
+        channels, pitch_m: number and spacing of the antennas.
+        x_m: distance ahead of the rear axle.
+        height_m: height above the ground at rest.
+        scan_rate_hz: scans per second; the channels are switched one after another within a scan.
     """
 
     channels: int = 11
@@ -63,7 +64,7 @@ class ArrayConfig:
 
     @property
     def geometry(self) -> ArrayGeometry:
-        """Where the antennas are."""
+        """Positions and time offsets of the antennas."""
         period_s = 1.0 / self.scan_rate_hz
         return uniform_array(self.channels, self.pitch_m, x_m=self.x_m, height_m=self.height_m, scan_period_s=period_s)
 
@@ -73,9 +74,9 @@ class SiteDrive:
     """One drive of a site.
 
     Attributes:
-        day_name: the site file's word for the day.
-        seed: of driving, navigation errors and faults.
-        other_ground: seed of the ground that lies under the road instead of the site's, or None.
+        day_name: name of the day in the site file.
+        seed: seed of driving, navigation errors and faults.
+        other_ground: seed of a ground under the road other than the site's; ``None``: the site's.
     """
 
     name: str
@@ -93,7 +94,7 @@ class Site:
     """A road, the ground below it, a radar, and drives.
 
     Attributes:
-        sweeps: what a stepped-frequency radar measures; None for a radar that records traces.
+        sweeps: sweep plan of a stepped-frequency radar; ``None`` for a radar that records traces.
     """
 
     header: SiteHeader
@@ -106,7 +107,7 @@ class Site:
 
     @property
     def frame(self) -> LocalFrame:
-        """The road's start on the globe."""
+        """Local frame at the start of the road."""
         return LocalFrame(self.header.latitude_deg, self.header.longitude_deg, self.header.height_m)
 
 
@@ -128,10 +129,10 @@ def prepare_site(site: Site) -> SiteScene:
 
 
 def plan_drive(scene: SiteScene, drive: SiteDrive) -> SimulatedDrive:
-    """Everything of a drive but its recording.
+    """Simulate a drive without its recording.
 
     Raises:
-        ValueError: a plan that cannot be driven there, or that hears beyond the corridor's edge.
+        ValueError: the plan cannot be driven there, or an aperture extends beyond the corridor's edge.
     """
     site, other = scene.site, drive.other_ground
     return simulate_drive(

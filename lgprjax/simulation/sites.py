@@ -48,12 +48,12 @@ _WANDERS = 3.0  # multiples of the wander's rms that fit into a lane
 
 
 def refuse_impossible(site: Site, root: TableKey) -> None:
-    """Hold sections and drives against each other.
+    """Refuse contradictions between sections and drives of a site.
 
     Raises:
-        InputError: a band that the time axis cannot hold, or that is too narrow or off the sweeps' frequencies; ground
-            without interfaces; an arc that is too tight; a drive that leaves the road or hears beyond the ground; a
-            dead channel that there is none of, or sweeps of dead channels alone.
+        InputError: the band exceeds the time axis, is too narrow, or is off the sweeps' frequencies; the ground has no
+            interfaces; an arc is too tight; a drive leaves the road or its aperture exceeds the ground; a dead channel
+            does not exist, or sweeps have dead channels only.
     """
     _check_radar(site, root.at("radar"))
     if not site.ground.layer_depth_m:
@@ -162,10 +162,10 @@ def site_file(given: str | Path) -> Path:
     """A site file: the path itself, or the file of the example site of that name (``lgprjax examples`` copies them).
 
     Raises:
-        InputError: a name that is none of an example site.
+        InputError: there is no example site of the name.
     """
     path = Path(given)
-    if path.is_file() or path.suffix == ".toml":  # a missing one is told by whoever reads it
+    if path.is_file() or path.suffix == ".toml":  # a missing file is reported by the reader
         return path
     known = {each.stem: each for each in sorted(examples_folder("sites").glob("*.toml"))}
     if str(given) not in known:
@@ -179,7 +179,7 @@ def read_site(path: str | Path) -> Site:
 
     Raises:
         InputError: the file is missing or not TOML; a key is unknown, missing, of a wrong type or out of its range;
-            a name is used twice or stands for nothing; a drive leaves the road or hears beyond the ground.
+            a name is used twice or refers to nothing; a drive leaves the road or its aperture exceeds the ground.
     """
     root = TableKey(Path(path))
     table = load_toml(root.file)
@@ -342,7 +342,9 @@ class PlannedDrive(NamedTuple):
     """Plan of a drive.
 
     Attributes:
-        drive: as the site says. scans: as many will be recorded. duration_s: from the first to the last.
+        drive: drive of the site.
+        scans: number of scans to record.
+        duration_s: time from the first to the last scan.
     """
 
     drive: SiteDrive
@@ -426,10 +428,10 @@ def write_site(
 
 
 def output_paths(planned: PlannedSite, folder: Path, *, force: bool) -> dict[str, Path]:
-    """Where each drive goes.
+    """Output path of each drive.
 
     Raises:
-        InputError: one of them exists (without ``force``), or the folder is a file.
+        InputError: an output exists (without ``force``), or the folder is a file.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(folder, "output", "a folder", "a file")

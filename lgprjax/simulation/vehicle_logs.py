@@ -27,7 +27,7 @@ from lgprjax.tuning.tracking import beside_path
 
 
 def _plan_of(course: DrivenCourse, truth: DriveTruth, frame: LocalFrame) -> dict[str, np.ndarray]:
-    """The plan of a drive along a course, ten times a second, by its true places."""
+    """The plan of a drive along a course, ten times per second, by its true places."""
     every = slice(None, None, 10)
     time_s, east, north, yaw = (part[every] for part in (truth.time_s, truth.east_m, truth.north_m, truth.yaw_rad))
     beside = beside_path(
@@ -80,12 +80,12 @@ def write_vehicle_fixes(
     """Write the fixes of a drive; all channels of the array are over the map.
 
     Args:
-        folder, name: of the drive's log.
-        fixes: from ``draw_vehicle_fixes``.
-        frame: of the drive; it stands for the map's.
-        t0_utc: of the log.
-        provenance: beside the program's.
-        force: replace files that exist.
+        folder, name: folder and name of the drive's log.
+        fixes: fixes from ``draw_vehicle_fixes``.
+        frame: frame of the drive, which is used as the map's frame.
+        t0_utc: start time of the log, UTC.
+        provenance: provenance added to the program's.
+        force: whether to replace existing files.
 
     Raises:
         InputError: an output exists (without ``force``) or cannot be written.
@@ -158,18 +158,18 @@ def vehicle_log_of(
     serial_number: str | None = None,
     provenance: dict[str, object] | None = None,
 ) -> VehicleLog:
-    """A simulated drive as a log; its truth included.
+    """Log of a simulated drive, including its truth.
 
-    The navigation has a record wherever there is a position; the heading of the records between is left out, as
+    The navigation has a record wherever there is a position; the heading of the records between is left out, because
     positions and headings share one clock in a log.
 
     Args:
-        name: of the drive.
-        drive: from ``simulate_vehicle_drive``.
-        frame: where the drive begins on the globe.
-        yaw_rate_radps: by gyro, at the records; ``None`` for a vehicle without one.
-        serial_number: of the vehicle.
-        provenance: beside the program's.
+        name: name of the drive.
+        drive: drive from ``simulate_vehicle_drive``.
+        frame: local frame at the start of the drive.
+        yaw_rate_radps: yaw rate by gyro at the records; ``None`` for a vehicle without a gyro.
+        serial_number: serial number of the vehicle.
+        provenance: provenance added to the program's.
     """
     signals, truth = drive.signals, drive.truth
     fixed = np.isfinite(signals.east_m) & np.isfinite(signals.north_m) & np.isfinite(signals.yaw_rad)
@@ -209,16 +209,16 @@ def write_vehicle_logs(
     force: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> dict[str, Path]:
-    """Simulate the drives of a plan and write each to ``NAME.drive.h5`` in a folder, which is made; paths by name.
+    """Simulate the drives of a plan, write each to ``NAME.drive.h5`` in a new folder, and return the paths by name.
 
-    Drives that ask for fixes have ``NAME.fixes.csv`` and ``NAME.fixes.h5`` beside them.
+    Drives with fixes also have ``NAME.fixes.csv`` and ``NAME.fixes.h5`` in the folder.
 
     Args:
-        only: names of the drives wanted; none for all.
-        progress: is told 1 for each drive written.
+        only: names of the drives to simulate; empty: all drives.
+        progress: function called with 1 for each drive written.
 
     Raises:
-        InputError: a name that is none of the plan's; an output exists (without ``force``; found before any work) or
+        InputError: the plan has no drive of a name; an output exists (without ``force``; checked before any work) or
             cannot be written.
     """
     drives = {drive.name: drive for drive in plan.drives}

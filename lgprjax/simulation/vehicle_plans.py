@@ -65,7 +65,7 @@ class ManoeuvreKind(NamedTuple):
 
 
 def _palm_tree(vehicle: TrueVehicle, numbers: Mapping[str, Any]) -> Manoeuvre:
-    # The ratio only says how long an arc is to be.
+    # The ratio only sets the length of an arc.
     ratio = vehicle.rear if isinstance(vehicle.rear, float) else 0.5
     limits = (vehicle.largest_angle_rad, vehicle.lock_to_lock_turns)
     return drive_palm_tree(vehicle.wheelbase_m, ratio, *limits, **numbers)
@@ -119,11 +119,11 @@ MANOEUVRES = {
         ("throttles", "brakes"),
     ),
 }
-"""By the word that a drives file has for them."""
+"""Manoeuvres by their name in a drives file."""
 
 
 def stand_still() -> Manoeuvre:
-    """Nothing, as long as it lasts."""
+    """Standstill without commands."""
     nothing = np.zeros(1)
     return Manoeuvre(nothing, nothing, nothing, nothing, by_hand=True)
 
@@ -141,12 +141,13 @@ _VARIES, _VARIES_S = 0.1, 17.0
 
 
 class DrivenCourse(NamedTuple):
-    """What the plan of such a drive records, at the simulation's steps.
+    """Course and commands of a drive under autopilot, at the simulation's steps.
 
     Attributes:
-        path: that was followed; anchor_m: by this point ahead of the rear axle.
-        mode: of the autopilot.
-        wanted_mps: speed.
+        path: path of the course.
+        anchor_m: distance ahead of the rear axle of the point that follows the path.
+        mode: mode of the autopilot.
+        wanted_mps: commanded speed.
     """
 
     path: CoursePath
@@ -168,13 +169,13 @@ def drive_course(
     """A drive along bends, steered by the pursuit law from an offset.
 
     Args:
-        vehicle: that drives; the centre of its array follows the course.
-        speed_mps: mean; it varies by a tenth.
-        radii_m: of the bends, to the left positive, each of a radian with clothoids, between straights.
-        look_ahead_m: along the course.
-        offset_m: where steering is engaged, to the left of the course.
-        lead_in_s: driven straight by hand before that, beside the course.
-        supply_v: at the servo; the vehicle's nominal one unless given.
+        vehicle: true vehicle; the centre of its array follows the course.
+        speed_mps: mean speed; it varies by a tenth.
+        radii_m: radii of the bends, to the left positive, each of a radian with clothoids, between straights.
+        look_ahead_m: look-ahead along the course.
+        offset_m: offset to the left of the course at which steering is engaged.
+        lead_in_s: time of straight driving by hand before that, parallel to the course.
+        supply_v: supply voltage at the servo; ``None``: the vehicle's nominal voltage.
     """
     volts = vehicle.nominal_v if supply_v is None else supply_v
     parts = [np.zeros(round((_STRAIGHT_M + 1.1 * lead_in_s * speed_mps + max(vehicle.array_x_m, 0.0)) / SPACING_M))]
@@ -184,7 +185,7 @@ def drive_course(
         bend = np.concatenate([ramp, hold, ramp[::-1]]) / radius
         parts += [bend, np.zeros(round(_STRAIGHT_M / SPACING_M))]
     curvature = np.concatenate(parts)
-    # The drive begins at the origin; the course lies so that its start is beside the array.
+    # The drive begins at the origin; the course starts next to the array.
     path = path_from_curvature(curvature, start=(vehicle.array_x_m, -offset_m, 0.0))
     seconds = lead_in_s + (len(curvature) * SPACING_M - lead_in_s * speed_mps - 1.2 * look_ahead_m) / speed_mps
     steps = round(max(seconds, 5.0) / MOTION_STEP_S)
@@ -230,13 +231,13 @@ class PlannedVehicleDrive(NamedTuple):
     """One drive.
 
     Attributes:
-        name: of its log.
-        manoeuvre: what it does.
-        sensors: that record it.
-        seed: of their noise.
-        fixes: the day on which its fixes are to be as good as; ``None`` for none.
-        fix_errors: of that day.
-        course: that the autopilot follows; ``None`` in the other manoeuvres.
+        name: name of the log.
+        manoeuvre: commands of the drive.
+        sensors: sensors that record the drive.
+        seed: seed of the sensors' noise.
+        fixes: name of the day whose fix errors apply; ``None``: no fixes.
+        fix_errors: fix errors of that day.
+        course: course that the autopilot follows; ``None`` in the other manoeuvres.
     """
 
     name: str
@@ -298,7 +299,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
 
     Raises:
         InputError: the file is missing or not TOML; a key is unknown, missing, of a wrong type or out of its range; a
-            name is used twice or stands for nothing.
+            name is used twice or refers to nothing.
     """
     root = TableKey(Path(path))
     table = load_toml(root.file)
@@ -336,9 +337,9 @@ def true_vehicle(table: dict[str, Any], place: TableKey, array_x_m: float) -> Tr
     """A simulated vehicle from a table of its numbers.
 
     Args:
-        table: those that differ from the defaults of ``TrueVehicle``.
-        place: of the table.
-        array_x_m: of the array, unless the table states it.
+        table: numbers that differ from the defaults of ``TrueVehicle``.
+        place: file and place of the table.
+        array_x_m: distance of the array ahead of the rear axle, unless the table states it.
 
     Raises:
         InputError: a number is unknown, of a wrong type or out of its range, or numbers contradict each other.
@@ -407,7 +408,7 @@ def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:
 
 
 def _numbers(place: TableKey, table: dict[str, Any], key: str, limits: Range) -> Any:
-    """A number or list of numbers, ``None`` where there is none; angles also in degrees."""
+    """A number or list of numbers, ``None`` if missing; angles also in degrees."""
     in_degrees = f"{key.removesuffix('_rad')}_deg"
     if key.endswith("_rad") and in_degrees in table:
         if key in table:

@@ -1,7 +1,7 @@
-"""The calibration of a new vehicle, step by step: what is driven, what is fitted to it, what is left to do.
+"""Calibration of a new vehicle, step by step: manoeuvres, fits to their logs, and the steps that remain.
 
-A step is a manoeuvre, driven by hand or commanded, whose drive log studies turn into numbers of the vehicle file. The
-file itself says how far a calibration is: a step is due while a number that it finds is open or assumed.
+A step is a manoeuvre, driven by hand or commanded; studies turn its drive log into numbers of the vehicle file. The
+file itself records the progress of a calibration: a step is due while a number that it finds is open or assumed.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from lgprjax.studies.steering import FinishedStudy, run_study
 
 
 class StepStudy(NamedTuple):
-    """A study of a step: its kind, and the step whose drive it fits; empty for one without a drive."""
+    """Kind of a study, and name of the step whose drive it fits (empty for a study without a drive)."""
 
     kind: Kind
     drive: str
@@ -26,13 +26,13 @@ class CalibrationStep(NamedTuple):
     """A step of a calibration.
 
     Attributes:
-        name: of the step and its drive log.
-        title: for people.
-        prompt: what the crew does, a line each.
-        commands: what the software moves.
-        finds: numbers of the vehicle file, by path.
-        needs: numbers that must be known or assumed before.
-        studies: in their order.
+        name: name of the step and of its drive log.
+        title: title shown to the crew.
+        prompt: instructions to the crew, one line each.
+        commands: actuators that the software moves.
+        finds: paths of the vehicle file's numbers that the step determines.
+        needs: paths of numbers that must be known or assumed beforehand.
+        studies: studies in the order in which they run.
     """
 
     name: str
@@ -80,7 +80,7 @@ STEPS = (
         "none",
         ("steering.characteristic_speed_mps",),
         ("wheel_map.front_rad",),
-        # The palm tree again: how much the vehicle slips is known now.
+        # The palm tree is fitted again, because the slip is known now.
         (StepStudy("yaw_gain", "turns"), StepStudy("wheel_angle", "palm_tree")),
     ),
     CalibrationStep(
@@ -136,7 +136,7 @@ STEPS = (
         (StepStudy("look_ahead", ""),),
     ),
 )
-"""In their order."""
+"""Calibration steps in the order in which they are driven."""
 
 State = Literal["known", "assumed", "open"]
 _LARGEST_ASSUMED_RAD, _LARGEST_SHARE = 0.7, 0.98
@@ -164,7 +164,7 @@ def require_measured(vehicle: VehicleFile, path: Path, step: CalibrationStep) ->
     """Refuse a step that needs a number which is still open.
 
     Raises:
-        InputError: the first of them.
+        InputError: a needed number is open; the first one is named.
     """
     for needed in step.needs:
         if state_of(vehicle, needed) == "open":
@@ -174,7 +174,7 @@ def require_measured(vehicle: VehicleFile, path: Path, step: CalibrationStep) ->
 
 
 class FittedStep(NamedTuple):
-    """A fitted step: the vehicle with its numbers, and its studies in their order."""
+    """A fitted step: the vehicle with the numbers found, and the finished studies in order."""
 
     vehicle: VehicleFile
     studies: tuple[FinishedStudy, ...]
@@ -184,10 +184,10 @@ def fit_step(step: CalibrationStep, vehicle: VehicleFile, logs: dict[str, Path],
     """Fit a step's studies to drive logs.
 
     Args:
-        step: of the calibration.
-        vehicle: as known so far.
-        logs: drive logs by the name of their step.
-        scratch: vehicle file that is written between the studies.
+        step: calibration step to fit.
+        vehicle: vehicle file with the numbers known so far.
+        logs: path of each drive log, by name of its step.
+        scratch: path of the vehicle file that is written between the studies.
 
     Raises:
         InputError: a log is missing, or does not hold what a fit needs.
@@ -212,12 +212,12 @@ def fit_step(step: CalibrationStep, vehicle: VehicleFile, logs: dict[str, Path],
 
 
 def _is_stated(vehicle: VehicleFile, path: str) -> bool:
-    """Whether the crew knows a number without a study, as the ratio 0 of rear wheels that do not steer."""
+    """Whether the crew knows a number without a study, such as the ratio 0 of rear wheels that do not steer."""
     return state_of(vehicle, path) == "known" and path not in vehicle.found
 
 
 def _prepared(vehicle: VehicleFile, kind: str, log: Path | None) -> VehicleFile:
-    """With assumed values for what a study needs and does not depend on."""
+    """The vehicle with assumed values for numbers that a study requires but does not depend on."""
     if state_of(vehicle, "steering.largest_wheel_angle_rad") == "open":
         vehicle = with_values(vehicle, {"steering.largest_wheel_angle_rad": _LARGEST_ASSUMED_RAD}, {}, assumed=True)
     if kind == "servo" and log is not None and state_of(vehicle, "steering.nominal_v") == "open":
@@ -231,7 +231,7 @@ def _prepared(vehicle: VehicleFile, kind: str, log: Path | None) -> VehicleFile:
 
 
 def _completed(vehicle: VehicleFile, kind: str) -> VehicleFile:
-    """The palm tree reaches both stops of the steering: their smaller angle limits every command."""
+    """The vehicle with its command limit: the smaller angle of the two steering stops, which the palm tree reaches."""
     if (
         kind == "wheel_angle"
         and vehicle.wheel_map is not None
@@ -244,7 +244,7 @@ def _completed(vehicle: VehicleFile, kind: str) -> VehicleFile:
 
 
 def _supply_v(log: Path) -> float:
-    """Median of the supply while the servo was commanded."""
+    """Median supply voltage while the servo was commanded, V."""
     signals = VehicleLog.open(log).vehicle or {}
     volts = np.asarray(signals.get("supply_v", []), np.float64)
     if not np.isfinite(volts).any():

@@ -1,4 +1,4 @@
-"""Drives of the closed loop for studies: signals on even steps, smoothed places, who steered; of logs and of runs."""
+"""Closed-loop drives for studies, from logs and recorded runs: resampled signals, smoothed poses, autopilot engaged."""
 
 from pathlib import Path as FilePath
 from typing import NamedTuple
@@ -37,22 +37,23 @@ TICK_S = 0.1
 _ODOMETER_SIGMA_M = 0.002
 _GAP_S = 0.25
 _UNDER_WAY_S = 0.2
-"""Commands that nobody knows, from before a log or from a gap in it, act no longer than this: delays are shorter."""
+"""Longest effect of unrecorded commands, before a log or in a gap of it, s. Steering delays are shorter."""
 
 
 class LoopDrive(NamedTuple):
-    """A drive as the studies of the loop see it; arrays on the times of the vehicle's records.
+    """Signals of a drive for the studies of the steering loop, at the times of the vehicle's records.
 
     Attributes:
-        path: of its file or folder.
-        time_s: of the records.
-        command_rad, front_rad, rear_rad: commanded and measured; NaN where there is none.
-        supply_v: NaN where nobody measured it.
-        speed_mps: by odometry; yaw_rate_radps: by gyro, NaN without one.
-        engaged: the autopilot steered.
-        commanded: commands reached the servo; where nobody says who steered, wherever there is one.
-        offset_m: from the path, as driven by; NaN without a path.
-        ticked: for the smoother; None where there are no fixes.
+        path: path of the drive log or run folder.
+        time_s: record times, s.
+        command_rad, front_rad, rear_rad: commanded angle, and measured front and rear angles; NaN where unrecorded.
+        supply_v: servo supply voltage; NaN where unrecorded.
+        speed_mps: speed by odometry.
+        yaw_rate_radps: yaw rate by gyro; NaN without a gyro.
+        engaged: whether the autopilot steered.
+        commanded: whether commands reached the servo; in logs without this record, wherever a command exists.
+        offset_m: lateral offset from the path as the controller used it; NaN without a path.
+        ticked: input of the smoother; ``None`` without fixes.
     """
 
     path: FilePath
@@ -70,14 +71,14 @@ class LoopDrive(NamedTuple):
 
 
 class SmoothedDrive(NamedTuple):
-    """Places of a drive by its fixes, smoothed back and forth, in level metres from its first place.
+    """Poses of a drive by its fixes, smoothed forward and backward, in level metres from its first position.
 
     Attributes:
-        time_s: of the ticks.
-        x_m, y_m, yaw_rad: of the rear axle.
-        sigma_m: of the place, across the body.
-        speed_mps, yaw_rate_radps: of the body.
-        fixes: that were used.
+        time_s: tick times, s.
+        x_m, y_m, yaw_rad: pose of the rear axle.
+        sigma_m: standard deviation of the position across the body.
+        speed_mps, yaw_rate_radps: speed and yaw rate of the body.
+        fixes: number of fixes used.
     """
 
     time_s: Float[np.ndarray, " tick"]
@@ -96,15 +97,15 @@ def is_run(path: FilePath) -> bool:
 
 
 def loop_drive(task: Task, path: FilePath, *, fixes: bool) -> LoopDrive:
-    """A drive log or a recorded run.
+    """Read a drive log or a recorded run.
 
     Args:
-        task: of the study.
-        path: ``X.drive.h5``, or the folder of a run.
-        fixes: they are needed: those of ``X.drive.h5`` are beside it in ``X.fixes.h5``.
+        task: task of the study.
+        path: path of ``X.drive.h5``, or of the folder of a run.
+        fixes: whether fixes are required; those of ``X.drive.h5`` are in ``X.fixes.h5`` in the same folder.
 
     Raises:
-        InputError: it cannot be read, is another vehicle's, or holds no signals of a vehicle.
+        InputError: the log cannot be read, belongs to another vehicle, or holds no vehicle signals.
     """
     if is_run(path):
         return _of_run(task.vehicle, task.study.vehicle, path)
@@ -163,14 +164,14 @@ def _of_log(vehicle: VehicleFile, path: FilePath, log: VehicleLog, ticked: Ticke
 def speed_of(
     known_s: Float[np.ndarray, " known"], travel_m: Float[np.ndarray, " known"], time_s: Float[np.ndarray, " record"]
 ) -> Float[np.ndarray, " record"]:
-    """Speed by travel, over 0.4 s about each record."""
+    """Speed from the travelled distance over 0.4 s around each record, m/s."""
     ahead, behind = (np.clip(time_s + step, known_s[0], known_s[-1]) for step in (0.2, -0.2))
     way = np.interp(ahead, known_s, travel_m) - np.interp(behind, known_s, travel_m)
     return np.asarray(way / np.maximum(ahead - behind, 1e-3))
 
 
 def _of_run(vehicle: VehicleFile, vehicle_path: FilePath, folder: FilePath) -> LoopDrive:
-    """A run by its own records: box, priors, fixes and plans."""
+    """A recorded run, read from its records of box, priors, fixes and plans."""
     reading = read_run(folder)
     signals, fixes = signals_of_run(reading), _fixes_of(reading)
     for place, rows in (("prior", signals.prior), ("drive_status", signals.box), ("plan", signals.plan)):
@@ -206,7 +207,7 @@ def _of_run(vehicle: VehicleFile, vehicle_path: FilePath, folder: FilePath) -> L
 
 
 def _fixes_of(reading: RunReading) -> np.ndarray:
-    """Rows of the run's fixes that are right by their own judgement; older runs end before ``p_false``."""
+    """Rows of the run's accepted fixes; records of older runs have no ``p_false`` column."""
     gathered = RowGatherer(FIX)
     for _, data in reading:
         record = read_run_record(data)
@@ -278,7 +279,7 @@ def _ticked_run(
 
 
 def smoothed(task: Task, drive: LoopDrive) -> SmoothedDrive:
-    """Places of a drive by Rauch, Tung and Striebel's smoother over its fixes.
+    """Poses of a drive by the Rauch-Tung-Striebel smoother over its fixes.
 
     Raises:
         InputError: the vehicle file lacks a number of the filter's model.
@@ -304,8 +305,8 @@ def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
     """Drives on the steps of the loop's model, padded to one length.
 
     Args:
-        drives: of one vehicle.
-        servo: its voltages, for the torque by the supply.
+        drives: drives of one vehicle.
+        servo: servo of the vehicle; its voltages give the torque at each supply voltage.
     """
     lanes = [_lane(drive, servo) for drive in drives]
     longest = max(len(lane[0]) for lane in lanes)
@@ -315,7 +316,7 @@ def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
         return np.pad(values, (0, steps - len(values)), mode="constant" if values.dtype == bool else "edge")
 
     columns = [np.stack([padded(column) for column in field]) for field in zip(*lanes, strict=True)]
-    # Drives that are none: nothing of them counts.
+    # Empty drives pad the batch; none of their steps counts.
     more = -len(lanes) % LANES
     columns = [np.concatenate([column, *[column[-1:]] * more]) for column in columns]
     for flag in columns[5:7]:
@@ -333,11 +334,11 @@ def _lane(drive: LoopDrive, servo: Servo) -> tuple[np.ndarray, ...]:
     held = np.clip(np.searchsorted(time_s, at_s + 1e-6, side="right") - 1, 0, len(time_s) - 1)
     nearest = np.clip(np.searchsorted(time_s, at_s), 1, len(time_s) - 1)
     nearest = np.where(at_s - time_s[nearest - 1] <= time_s[nearest] - at_s, nearest - 1, nearest)
-    # A step has a record where one is nearer than half a step; slower logs leave steps without.
+    # A step has a record if one is nearer than half a step; slower logs leave steps without a record.
     own = np.abs(time_s[nearest] - at_s) <= 0.5 * STEP_S + 1e-6
     volts = np.where(np.isfinite(drive.supply_v), drive.supply_v, float(servo.nominal_v))
     share = np.asarray(torque_share(servo, jnp.asarray(volts, jnp.float32)), np.float64)
-    # A command holds to the next one, unless that is long in coming.
+    # A command holds until the next one, unless the gap is too long.
     live = np.flatnonzero(drive.commanded & np.isfinite(drive.command_rad))
     last = np.searchsorted(time_s[live], at_s + 1e-6, side="right") - 1
     commanded = np.append(np.diff(time_s[live], append=np.inf), np.inf)[last] <= _GAP_S
@@ -370,14 +371,14 @@ def _filled(values: np.ndarray) -> np.ndarray:
 
 
 def local_track(log: VehicleLog, frame: LocalFrame) -> tuple[np.ndarray, np.ndarray]:
-    """East and north of a log's navigation in a frame."""
+    """East and north of a log's navigation in a local frame, m."""
     track = log.navigation
     east, north, _ = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
     return np.asarray(east), np.asarray(north)
 
 
 def origin_of(path: FilePath) -> LocalFrame:
-    """The frame that ``tick_drive`` puts a log in: its first position within the time of all its sensors."""
+    """The local frame of ``tick_drive``: its origin is the log's first position within the time of all its sensors."""
     log = VehicleLog.open(path)
     track = log.navigation
     clocks = (track.time_s, log.odometry.time_s, (log.vehicle or {"time_s": track.time_s})["time_s"])

@@ -16,7 +16,7 @@ from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import VehicleFile, flat_keys
 
 CHANCE = 0.05
-"""Probability that any number of alike vehicles is said to differ."""
+"""Probability that any number of alike vehicles is reported as different."""
 _SIGMAS = 3.92
 """Width of a 95 % interval."""
 
@@ -25,12 +25,12 @@ class FleetNumber(NamedTuple):
     """A number that at least one of the files has.
 
     Attributes:
-        path: in the vehicle file, such as ``steering.lag_s``.
-        value: of each vehicle; NaN where a file does not have it.
+        path: path of the number in the vehicle file, such as ``steering.lag_s``.
+        value: value for each vehicle; NaN where a file lacks the number.
         low, high, sigma: ends of its 95 % interval and standard error; NaN where no study found the number.
         spread: largest value minus smallest.
         p: probability of so much spread, or more, among alike vehicles; NaN with fewer than two standard errors.
-        differs: by more than chance, all numbers of the fleet considered.
+        differs: whether the vehicles differ by more than chance, all numbers of the fleet considered.
     """
 
     path: str
@@ -47,12 +47,13 @@ class Drift(NamedTuple):
     """Change of a number of one vehicle, from its first file to its last.
 
     Attributes:
-        serial_number: of the vehicle.
-        path: of the number.
-        first, last: names of the files.
-        change: last value minus first; sigma: its standard error.
+        serial_number: serial number of the vehicle.
+        path: path of the number in the vehicle file.
+        first, last: names of the first and the last file.
+        change: last value minus first.
+        sigma: standard error of the change.
         p: probability of so large a change, or a larger one, without drift.
-        differs: by more than chance, all numbers of all vehicles considered.
+        differs: whether the change exceeds chance, all numbers of all vehicles considered.
     """
 
     serial_number: str
@@ -69,10 +70,10 @@ class Fleet(NamedTuple):
     """Vehicle files side by side.
 
     Attributes:
-        names: of the files, without ``.vehicle.toml``; with their folders where names are alike.
-        vehicles: their contents, in the same order.
-        numbers: that any of them has, in the order of the files.
-        drifts: of vehicles with several files.
+        names: names of the files, without ``.vehicle.toml``; with their folders where names are alike.
+        vehicles: contents of the files, in the same order.
+        numbers: numbers that any of the files has, in the order of the files.
+        drifts: changes of numbers of vehicles with several files.
     """
 
     names: tuple[str, ...]
@@ -95,7 +96,7 @@ def compare_fleet(files: Mapping[Path, VehicleFile]) -> Fleet:
     compared with the others.
 
     Args:
-        files: at least two, of one steering kind.
+        files: contents of at least two vehicle files of one steering kind, by path.
 
     Raises:
         InputError: fewer than two files, or different steering kinds.
@@ -121,7 +122,7 @@ def compare_fleet(files: Mapping[Path, VehicleFile]) -> Fleet:
 
 
 def _names(paths: Sequence[Path]) -> tuple[str, ...]:
-    """Names with as many folders as tell all files apart."""
+    """File names with the fewest parent folders that make them unique."""
     whole = [path.resolve().parts for path in paths]
     for parts in range(1, max(map(len, whole)) + 1):
         names = tuple("/".join(each[-parts:]).removesuffix(".vehicle.toml") for each in whole)
@@ -131,7 +132,7 @@ def _names(paths: Sequence[Path]) -> tuple[str, ...]:
 
 
 def table_of_fleet(fleet: Fleet) -> pd.DataFrame:
-    """A row for each number and vehicle: value, interval, standard error, and how the number came about."""
+    """A row for each number and vehicle: value, interval, standard error, and origin of the number."""
     rows = [
         (
             each.path,
@@ -189,7 +190,7 @@ def _number(path: str, vehicles: Sequence[VehicleFile], newest: Bool[np.ndarray,
 
 
 def _newest(vehicles: Sequence[VehicleFile]) -> Bool[np.ndarray, " vehicle"]:
-    """Files that no later one of the same vehicle follows."""
+    """Mask of the last file of each vehicle."""
     later = [vehicle.serial_number for vehicle in vehicles]
     return np.array([number is None or number not in later[place + 1 :] for place, number in enumerate(later)])
 
@@ -211,7 +212,7 @@ def _drifts(names: Sequence[str], vehicles: Sequence[VehicleFile], numbers: Sequ
 
 
 def _holm(p: Sequence[float]) -> list[bool]:
-    """Which of several tests reject, so that any rejects wrongly with ``CHANCE`` (Holm, 1979). NaN never does."""
+    """Tests that reject, with probability ``CHANCE`` of any wrong rejection (Holm, 1979); NaN never rejects."""
     tested = [place for place in np.argsort(p) if np.isfinite(p[place])]
     rejected = [False] * len(p)
     for rank, place in enumerate(tested):

@@ -24,15 +24,15 @@ _GAP_STEPS = 3.0
 
 
 def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
-    """Signals at the records of the vehicle, those outside the odometry's time or in a gap of it left out.
+    """Signals at the records of the vehicle, without records outside the odometry's time or in a gap of it.
 
     Each position of the navigation is given to one record, the nearest, moved to its time between neighbours: a value
     interpolated at every record would repeat the noise of one fix many times. Records without a position of their own,
     and those next to a gap, hold NaN. Metres are relative to the first position.
 
     Args:
-        log: the drive.
-        path: its path, for errors.
+        log: drive log.
+        path: path of the log, for error messages.
 
     Raises:
         InputError: the log holds no signals of the vehicle, or none while navigation and odometry were available.
@@ -66,7 +66,7 @@ def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
 
 
 def _position_sigma_m(track: NavigationTrack) -> Float[np.ndarray, " navigation"]:
-    """Sigma of east and of north, as one number."""
+    """Standard deviation of the position, m: one number for east and north."""
     east_m, north_m = _sigma(track.sigma_east_m, track), _sigma(track.sigma_north_m, track)
     return np.asarray(np.sqrt(0.5 * (east_m**2 + north_m**2)))
 
@@ -102,7 +102,7 @@ class LoggedDrive(NamedTuple):
 
 
 class Task(NamedTuple):
-    """Task of a study: vehicle, drives to fit, drives to judge by."""
+    """Task of a study: vehicle, drives to fit, and held-out drives (``judges``)."""
 
     study: Study
     vehicle: VehicleFile
@@ -124,12 +124,12 @@ class Outcome(NamedTuple):
     """Result of a study.
 
     Attributes:
-        found: by path in the vehicle file, with intervals; a list for a key that is one.
+        found: estimates with intervals, by path in the vehicle file; a list of estimates for a key that holds a list.
         fixed: numbers of the vehicle file that were chosen and not measured, such as the knots of a map.
-        figures: quality of the fit, on its logs and on those held out.
-        notes: remarks, a line each.
-        detail: fits and signals, for pictures; its type depends on the kind of study.
-        contradictions: held-out logs that do not agree: nothing is written then.
+        figures: quality of the fit, on its logs and on held-out logs.
+        notes: remarks, one line each.
+        detail: fits and signals for pictures; the type depends on the kind of study.
+        contradictions: held-out logs that disagree with the fit; if there are any, no vehicle file is written.
     """
 
     found: dict[str, Estimate | list[Estimate]]
@@ -142,7 +142,7 @@ class Outcome(NamedTuple):
 
 @contextmanager
 def fitting(path: Path) -> Iterator[None]:
-    """Turn a fit's refusal of a log into the one line that names the log.
+    """Turn a fit's refusal of a log into an error that names the log.
 
     Raises:
         InputError: the log does not hold what the fit needs.
@@ -157,7 +157,7 @@ def one_drive(task: Task) -> LoggedDrive:
     """The log of a study that takes exactly one.
 
     Raises:
-        InputError: there are several.
+        InputError: the study has several logs.
     """
     if len(task.drives) != 1:
         raise InputError(
@@ -167,10 +167,10 @@ def one_drive(task: Task) -> LoggedDrive:
 
 
 def refuse_options(task: Task) -> None:
-    """Refuse options of a study that has none.
+    """Refuse options of a study that takes none.
 
     Raises:
-        InputError: there is one.
+        InputError: the study file sets an option.
     """
     for name in task.study.options:
         raise InputError(task.study.file, f"options.{name}", f"no options for {task.study.kind}", "an unknown key")
@@ -180,16 +180,16 @@ def options_of(task: Task, kind: type[Table]) -> Table:
     """Options of a study.
 
     Raises:
-        InputError: one is unknown or not as expected.
+        InputError: an option is unknown or its value is wrong.
     """
     return fill_table(kind, TableKey(task.study.file, "options"), task.study.options)
 
 
 def potentiometer_of(drive: LoggedDrive) -> Float[np.ndarray, " record"]:
-    """The potentiometer's signal.
+    """Potentiometer voltage at each record, V.
 
     Raises:
-        InputError: the log has none.
+        InputError: the log has no potentiometer signal.
     """
     return signal_of(drive, "potentiometer_v")
 
@@ -198,7 +198,7 @@ def signal_of(drive: LoggedDrive, name: str) -> Float[np.ndarray, " record"]:
     """A signal that a study requires.
 
     Raises:
-        InputError: the log has none.
+        InputError: the log lacks the signal.
     """
     values = getattr(drive.signals, name)
     if values is None:
@@ -207,9 +207,9 @@ def signal_of(drive: LoggedDrive, name: str) -> Float[np.ndarray, " record"]:
 
 
 def front_angles(task: Task, drive: LoggedDrive) -> tuple[Float[np.ndarray, " record"], str]:
-    """Front wheel angle at every record, and its source: the vehicle file's map, or a sensor of the angle itself.
+    """Front wheel angle at every record, rad, and its source: the vehicle file's map, or a sensor of the angle itself.
 
-    Beyond the map's ends there is no angle.
+    The angle is NaN beyond the map's ends.
 
     Raises:
         InputError: the log lacks the signal.
@@ -235,9 +235,9 @@ def rms(values: Float[np.ndarray, " value"]) -> float:
 
 
 def chassis_without_anchor(task: Task) -> Chassis:
-    """The chassis for fits, which use no anchor: a vehicle being calibrated has none yet.
+    """The chassis for fits, without the anchor point, which a vehicle being calibrated does not have yet.
 
-    If the file does not describe the rear wheels they are straight: a study of k starts there.
+    Rear wheels that the file does not describe are taken as straight, the start of a study of k.
 
     Raises:
         InputError: another required number is not in the vehicle file.

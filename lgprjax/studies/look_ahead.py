@@ -1,4 +1,4 @@
-"""Study of the look-ahead over speed, by simulated drives: of a file's vehicle, or of those that logs allow."""
+"""Study of the look-ahead distance over speed, by simulated drives of the file's vehicle or of one fitted to logs."""
 
 from dataclasses import replace
 from typing import Annotated, Literal, NamedTuple
@@ -53,19 +53,19 @@ def _from_to(value: list[float]) -> list[float]:
 
 
 class LookAheadOptions(ConfigTable):
-    """Courses and speeds that are driven, what counts, and the look-aheads of the picture.
+    """Simulated courses and speeds, weights of the cost, and look-aheads of the picture.
 
     Attributes:
-        courses: ``curve`` is straight on, a quarter turn, straight on.
-        speeds_mps: 5 and 10 mph unless told.
-        effort_m2: weight of the wheels' movement.
-        least_margin_deg: of phase.
-        sweep_m: from and to, of the picture.
-        supply_v: ``None``: the servo's nominal voltage.
-        steps: of the gradient.
-        draws: of the vehicle, where there are logs: as many as the logs allow are driven.
-        torque_shares: of the servo, where there are logs, that the schedule is tuned for; the least is the least that
-            it follows on board.
+        courses: kinds of course; ``curve`` is a straight, a quarter turn and a straight.
+        speeds_mps: driven speeds, two or more; 5 and 10 mph by default.
+        effort_m2: weight of the wheels' movement in the cost, m².
+        least_margin_deg: smallest phase margin.
+        sweep_m: first and last look-ahead of the picture.
+        supply_v: supply voltage of the servo; ``None``: the servo's nominal voltage.
+        steps: number of gradient steps.
+        draws: number of vehicles drawn from the posterior of the logs; used only with logs.
+        torque_shares: shares of the servo's torque for which the schedule is tuned; used only with logs. The least
+            share is the least that the schedule follows on board.
     """
 
     courses: list[Literal["line", "arc", "curve"]] = Field(default=["line", "arc"], min_length=1)
@@ -89,13 +89,13 @@ _SWEEP_STEPS, _SWEEPS = 24, 6
 
 
 class LookAheadStudy(NamedTuple):
-    """For pictures: the choice, the surfaces of the sweep, and its axes.
+    """Data for pictures: the tuned look-ahead, and the cost surfaces of the sweep with their axes.
 
     Attributes:
-        trials: speeds of the tuning.
-        tuned: what was found.
+        trials: courses and speeds of the tuning.
+        tuned: tuned look-ahead.
         look_ahead_m, speed_mps: axes of the sweep.
-        swept: error, oscillation and margin on them.
+        swept: error, oscillation and phase margin over both axes.
     """
 
     trials: TrialCourses
@@ -138,7 +138,7 @@ def study_look_ahead(task: Task) -> Outcome:
 
 
 class LoggedLookAheadStudy(NamedTuple):
-    """For pictures: the schedule, what the logs told, and the experiments that would tell more."""
+    """Data for pictures: the schedule, the fit to the logs, and the experiments that would reduce its uncertainty."""
 
     trials: TrialCourses
     tuned: TunedOnDraws
@@ -147,7 +147,7 @@ class LoggedLookAheadStudy(NamedTuple):
 
 
 def _from_logs(task: Task, options: LookAheadOptions) -> Outcome:
-    """The schedule over speed and torque, for the vehicles that the logs allow."""
+    """Look-ahead schedule over speed and torque, for vehicles drawn from the posterior of the logs."""
     if options.supply_v is not None:
         expected = "no supply voltage together with logs (the schedule is tuned for torque_shares)"
         raise InputError(task.study.file, "options.supply_v", expected, f"{options.supply_v:g}")
@@ -214,7 +214,7 @@ def _vehicle(task: Task, supply_v: float | None) -> TunedVehicle:
 
 
 def _sweep(vehicle: TunedVehicle, trials: TrialCourses, look_m: np.ndarray, speeds_mps: np.ndarray) -> LookAheadCosts:
-    """The surface over look-aheads and speeds, a few speeds at a time."""
+    """Costs over look-aheads and speeds, computed for a few speeds at a time."""
     parts = [
         sweep_look_ahead(vehicle, replace(trials, speeds_mps=tuple(some.tolist())), look_m.tolist())
         for some in np.split(speeds_mps, _SWEEPS)

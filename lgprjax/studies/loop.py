@@ -1,4 +1,4 @@
-"""Study of the steering loop on ordinary drives: servo, rear ratio, slip, and what the drives cannot tell."""
+"""Study of the steering loop on ordinary drives: servo, rear ratio, slip, and the numbers that stay undetermined."""
 
 from typing import NamedTuple
 
@@ -52,22 +52,23 @@ _WORDS = {
 
 
 class LoopOptions(ConfigTable):
-    """How widely the vehicle file may be wrong, and who steers when nobody says so.
+    """Options of the study: width of the prior.
 
     Attributes:
-        widths: multiplies the usual widths of what the file says before the drives.
+        widths: factor on the usual widths of the prior from the vehicle file.
     """
 
     widths: float = Field(default=1.0, ge=0.2, le=3.0)
 
 
 class Predicted(NamedTuple):
-    """A logged stretch beside its rollout by the fitted vehicle.
+    """A logged stretch and its rollout by the fitted vehicle.
 
     Attributes:
-        name: of the log.
-        time_s, driven_m, rolled_m: offsets from the path.
-        front_rad, rolled_front_rad: wheel angles.
+        name: name of the log.
+        time_s: time from the start of the stretch, s.
+        driven_m, rolled_m: logged and simulated lateral offset from the path.
+        front_rad, rolled_front_rad: logged and simulated front wheel angle.
     """
 
     name: str
@@ -79,14 +80,14 @@ class Predicted(NamedTuple):
 
 
 class LoopStudy(NamedTuple):
-    """For pictures: the fit, and rollouts beside logged stretches."""
+    """Data for pictures: the fit, and logged stretches with their rollouts."""
 
     fit: LoopFit
     predicted: tuple[Predicted, ...]
 
 
 def study_loop(task: Task) -> Outcome:
-    """Find what the drives tell of ``steering``; what they leave open stays as it is, and is named.
+    """Fit the numbers of ``steering`` that the drives determine; the others keep their values and are listed in notes.
 
     Raises:
         InputError: a log lacks commands, wheel angles, or motion; the vehicle file lacks its wheelbase.
@@ -143,7 +144,7 @@ def _of_rate(fit: LoopFit, verdict: str) -> str:
 
 
 def fit_of(task: Task, drives: list[LoopDrive], widths: float = 1.0) -> LoopFit:
-    """The loop of a task's vehicle on its drives.
+    """Fit the steering loop of the task's vehicle to drives.
 
     Raises:
         InputError: as ``study_loop``.
@@ -172,7 +173,7 @@ def _logs(task: Task, drives: list[LoopDrive]) -> LoopLogs:
 
 
 def _servo(task: Task) -> Servo:
-    """The file's servo, with usual numbers where it has none yet."""
+    """The file's servo, with usual values for missing numbers."""
     missing = {key: _USUAL[name] for name, key in _KEYS.items() if name != "rear_ratio" and _value(task, key) is None}
     return servo_of(with_values(task.vehicle, missing, {}), task.study.vehicle)
 
@@ -183,9 +184,9 @@ def _value(task: Task, key: str) -> float | None:
 
 
 def prior_of(task: Task, widths: float = 1.0) -> LoopPrior:
-    """What the vehicle file says before the drives: usual values where it says nothing.
+    """Prior from the vehicle file, with usual values for missing numbers.
 
-    A measured map of the rear wheels is taken as it is: k is held at its slope.
+    A measured map of the rear wheels is kept: k is fixed at its slope.
 
     Raises:
         InputError: the file has no wheelbase.
@@ -213,7 +214,7 @@ def prior_of(task: Task, widths: float = 1.0) -> LoopPrior:
 
 
 def _found(task: Task, fit: LoopFit) -> tuple[dict[str, Estimate], list[str]]:
-    """Numbers that the drives tell, and in words those that they do not."""
+    """Estimates of the numbers that the drives determine, and notes on the others."""
     found, notes = {}, []
     for name, words in _WORDS.items():
         one = fit.numbers[name]
@@ -234,7 +235,7 @@ def _found(task: Task, fit: LoopFit) -> tuple[dict[str, Estimate], list[str]]:
 
 
 def predict(task: Task, fit: LoopFit, drive: LoopDrive) -> Predicted | None:
-    """The longest stretch that the autopilot steered, beside a rollout from where it began; None without a path."""
+    """The longest stretch under autopilot, and a rollout from its start; ``None`` without a path."""
     pursuit = task.vehicle.pursuit
     schedule = [getattr(pursuit, name) for name in LookAhead._fields]
     if drive.ticked is None or pursuit.anchor_m is None or any(v is None for v in schedule):

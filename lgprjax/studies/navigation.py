@@ -1,4 +1,4 @@
-"""Study of the navigation filter: its noises, fitted on logged drives with fixes and judged on others."""
+"""Study of the navigation filter: its noises, fitted on logged drives with fixes and tested on others."""
 
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -53,10 +53,10 @@ class TickedDrive(NamedTuple):
     """A drive on ticks, in level metres relative to its first position.
 
     Attributes:
-        time_s: end of each tick, on the log's clock.
-        drive: a single drive, without a batch axis.
-        p_false: of the match of the tick's scan, see ``Fix``; NaN without one.
-        truth: x_m, y_m, yaw_rad at the ticks' ends, ``None`` if the log has none.
+        time_s: end of each tick on the log's clock, s.
+        drive: observations of a single drive, without a batch axis.
+        p_false: probability that the match of the tick's scan is false, see ``Fix``; NaN without a match.
+        truth: true x, m, y, m, and yaw, rad, at the ends of the ticks; ``None`` if the log has no truth.
     """
 
     time_s: Float[np.ndarray, " tick"]
@@ -74,11 +74,11 @@ def tick_drive(
     meridians, which is ignored in their covariance.
 
     Args:
-        log: with a gyro, and sigmas of its navigation.
-        path: its file, for errors.
-        fixes: of its scans, a ``.fixes.h5``; ``None`` for none.
+        log: drive log with a gyro and with sigmas of its navigation.
+        path: path of the log, for error messages.
+        fixes: path of the ``.fixes.h5`` of its scans; ``None`` without fixes.
         tick_s: length of a tick.
-        odometer_sigma_m: of a reading of the distance.
+        odometer_sigma_m: standard deviation of one reading of the distance.
 
     Raises:
         InputError: the log has no gyro, its signals have no two seconds in common, or the fixes have no covariance.
@@ -128,7 +128,7 @@ def stack_drives(drives: list[TickedDrive]) -> NavigationDrives:
         motions, observations = jax.tree.map(pad, (one.drive.motions, one.drive.observations))
         return one.drive._replace(motions=motions, observations=observations)
 
-    # NumPy: nothing is compiled for it.
+    # NumPy arrays, which need no compilation.
     many: NavigationDrives = jax.tree.map(
         lambda *leaves: jnp.asarray(np.stack(leaves)), *[padded(one) for one in drives]
     )
@@ -143,7 +143,7 @@ def _poses(frame: LocalFrame, track: NavigationTrack) -> Float[np.ndarray, "navi
 def _mean_rate(
     time_s: Float[np.ndarray, " record"], rate: Float[np.ndarray, " record"], edges_s: Float[np.ndarray, " edge"]
 ) -> Float[np.ndarray, " tick"]:
-    """Mean over each tick, of the integral by trapezoids."""
+    """Mean rate over each tick, integrated by trapezoids."""
     turned = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s)))
     return np.asarray(np.diff(np.interp(edges_s, time_s, turned)) / np.diff(edges_s))
 
@@ -196,7 +196,7 @@ def _fixes(
             raise InputError(path, "smoothed", "fixes from earlier scans alone (register --causal), as on board", "1")
         ticks, row = _last_in_tick(table["time_s"].to_numpy(), edges_s)
         ok = table["code"].to_numpy()[row] == "ok"
-        # A file older than the column says only which matches were accepted.
+        # Older files lack the column and say only which matches were accepted.
         p_false[ticks] = table["p_false"].to_numpy()[row] if "p_false" in table else np.where(ok, 0.0, 1.0)
         good = ok & np.isfinite(spread[row]).all(axis=(1, 2))
         ticks, row = ticks[good], row[good]
@@ -221,7 +221,7 @@ _Number = Annotated[float, Field(gt=0.0, lt=100.0)]
 
 
 class FusionOptions(ConfigTable):
-    """Ticks and odometer of the filter, and the threshold switch that it is compared with."""
+    """Tick length and odometer noise of the filter, and parameters of the threshold switch that it is compared with."""
 
     tick_s: _Number = 0.1
     odometer_sigma_m: _Number = 0.002
@@ -230,15 +230,15 @@ class FusionOptions(ConfigTable):
 
 
 class JudgedDrive(NamedTuple):
-    """A drive by the fitted model; poses in metres and radians, one row a tick.
+    """Estimates of a drive by the fitted model; poses in metres and radians, one row per tick.
 
     Attributes:
-        name: of its file.
-        time_s: of the ticks.
-        info: outcome of the observations.
-        filtered, smoothed: estimates.
+        name: name of the file.
+        time_s: tick times, s.
+        info: innovations and acceptance of the observations.
+        filtered, smoothed: estimates of the filter and of the smoother.
         switched: x, y and yaw of the threshold switch.
-        truth: x, y and yaw, if the log has them.
+        truth: true x, y and yaw; ``None`` if the log has none.
     """
 
     name: str
@@ -251,14 +251,14 @@ class JudgedDrive(NamedTuple):
 
 
 class FusionStudy(NamedTuple):
-    """For pictures: the fit, and the drives by it: those held out, or without any those fitted."""
+    """Data for pictures: the fit, and its estimates of the held-out drives (of the fitted drives without any)."""
 
     fit: FusionFit
     judged: tuple[JudgedDrive, ...]
 
 
 def study_fusion(task: Task) -> Outcome:
-    """Find the noises of ``navigation``. The fixes of ``X.drive.h5`` are next to it, in ``X.fixes.h5``."""
+    """Fit the noises of ``navigation``. The fixes of ``X.drive.h5`` are in ``X.fixes.h5`` in the same folder."""
     options = options_of(task, FusionOptions)
     tick_s, odometer_m = options.tick_s, options.odometer_sigma_m
     # A log's positions are those of the rear axle.
@@ -291,9 +291,9 @@ def study_fusion(task: Task) -> Outcome:
 
 
 def _against(path: Path, judged: JudgedDrive, own_nis: dict[str, float]) -> list[Contradiction]:
-    """Sources whose innovations are not as large as the fitted noises say, or that the filter mostly shuts out.
+    """Sources whose innovations disagree with the fitted noises, or that the filter mostly rejects.
 
-    Sigmas of positions come with the logs: where they are off in the fitted drives too, that contradicts nothing.
+    Sigmas of positions come with the logs: if they are wrong in the fitted drives too, there is no contradiction.
     """
     found = []
     for source, value in mean_nis(_one_lane(judged.info)).items():

@@ -1,6 +1,6 @@
-"""What each study needs of its logs, how well it must find its numbers, and what a held-out log contradicts.
+"""Requirements of each study: signals and excitation of its logs, precision of its numbers, agreement of held-out logs.
 
-A study without it is refused, with the reason: a number found from the wrong kind of drive is worse than none.
+A study that misses one is refused with the reason: a number from the wrong kind of drive is worse than none.
 """
 
 from collections.abc import Mapping
@@ -28,13 +28,13 @@ SIGNAL_NAMES = {
 
 
 class Need(NamedTuple):
-    """What a kind of study needs.
+    """Requirements of a kind of study.
 
     Attributes:
-        drive: in words, for messages and pages.
-        signals: of ``/vehicle`` beside time; a bar stands between alternatives.
-        way_m: driven at least.
-        widest: 95 % half interval that a number may have, by its path in the vehicle file.
+        drive: description of the drive, for messages and pages.
+        signals: required signals of ``/vehicle`` apart from time; a bar separates alternatives.
+        way_m: shortest distance driven.
+        widest: largest half width of a number's 95 % interval, by its path in the vehicle file.
     """
 
     drive: str
@@ -123,7 +123,7 @@ def _require_speeds(path: Path, signals: DriveSignals) -> None:
     edges_s = np.arange(signals.time_s[0], signals.time_s[-1], _SPEED_S)
     way_m = np.abs(np.diff(np.interp(edges_s, signals.time_s, signals.travel_m)))
     order = np.argsort(way_m)
-    # By the way: what is driven while it starts and stops is no turn.
+    # Speeds are weighted by distance, so that starting and stopping hardly count.
     share = np.cumsum(way_m[order]) / max(float(np.sum(way_m)), 1e-9)
     slow, fast = (float(np.interp(part, share, way_m[order])) / _SPEED_S for part in (0.02, 0.98))
     if fast < LEAST_SPEEDS * slow:
@@ -133,10 +133,12 @@ def _require_speeds(path: Path, signals: DriveSignals) -> None:
 
 
 def _require_straight(path: Path, signals: DriveSignals) -> None:
-    """Refuse a drive in which the wheel is turned to and fro: its mean is not that of straight driving."""
+    """Refuse a drive in which the wheel is turned to and fro: its mean potentiometer value is not that of straight
+    driving.
+    """
     volts = signals.potentiometer_v
     assert volts is not None
-    # Over as long as a driver holds the wheel still: half of the readings must lie together.
+    # A driver holds the wheel still most of the time, so half of the readings must be close together.
     level = volts[np.isfinite(volts)]
     noise = 1.4826 * float(np.median(np.abs(np.diff(level, 2)))) / 6.0**0.5
     low, quarter, three, high = np.percentile(level, [2.5, 25.0, 75.0, 97.5])
@@ -148,10 +150,10 @@ def _require_straight(path: Path, signals: DriveSignals) -> None:
 
 
 def require_precision(kind: str, path: Path, found: dict[str, Estimate | list[Estimate]]) -> None:
-    """Refuse numbers that the logs tell too poorly to write down.
+    """Refuse numbers that the logs determine too poorly.
 
     Raises:
-        InputError: an interval is wider than the study may leave it.
+        InputError: an interval is wider than the study allows.
     """
     for name, widest in NEEDS[kind].widest.items():
         one = found.get(name)
@@ -168,7 +170,7 @@ def require_precision(kind: str, path: Path, found: dict[str, Estimate | list[Es
 
 
 class Contradiction(NamedTuple):
-    """A held-out log that does not agree with what was found: no vehicle file is written."""
+    """A held-out log that disagrees with the fit; the vehicle file is not written then."""
 
     path: Path
     what: str
@@ -177,7 +179,7 @@ class Contradiction(NamedTuple):
 
 
 def compared(what: str, path: Path, fitted: Estimate, held: Estimate) -> tuple[Contradiction, ...]:
-    """A number of the fit beside that of a held-out log."""
+    """Compare a number of the fit with that of a held-out log."""
     away = abs(held.value - fitted.value)
     most = max(_SIGMAS * float(np.hypot(fitted.sigma, held.sigma)), _LEAST_SHARE * abs(fitted.value))
     if away <= most:
@@ -186,7 +188,7 @@ def compared(what: str, path: Path, fitted: Estimate, held: Estimate) -> tuple[C
 
 
 def judged_residual(what: str, path: Path, fitted: float, held: float, unit: str) -> tuple[Contradiction, ...]:
-    """Residuals of a held-out log beside those of the fit."""
+    """Compare the residuals of a held-out log with those of the fit."""
     if held <= _TIMES * fitted:
         return ()
     expected = f"residuals of {_TIMES * fitted:.3g} {unit} or less, {_TIMES:g} times those of the fit"

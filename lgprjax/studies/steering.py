@@ -73,7 +73,7 @@ from lgprjax.vehicle import Chassis, Servo
 def _residuals(
     task: Task, what: str, own: float, judge: Callable[[LoggedDrive], Figure]
 ) -> tuple[list[Figure], tuple[Contradiction, ...]]:
-    """Figures of the drives that are held out, and what in them contradicts residuals of ``own``, in their unit."""
+    """Residual figures of the held-out drives, and contradictions to the fit's residuals ``own``, in their unit."""
     figures = [judge(drive) for drive in task.judges]
     against = [
         one
@@ -86,7 +86,7 @@ def _residuals(
 def _numbers(
     task: Task, place: str, own: Estimate, judge: Callable[[LoggedDrive], Estimate], what: str, unit: str
 ) -> tuple[list[Figure], tuple[Contradiction, ...]]:
-    """How far a number lies from that of the drives that are held out, and what contradicts it."""
+    """Differences of a number from that of each held-out drive, and the contradictions among them."""
     figures, against = [], list[Contradiction]()
     for drive in task.judges:
         held = judge(drive)
@@ -100,7 +100,7 @@ def _numbers(
 
 
 class PedalsStudy(NamedTuple):
-    """For pictures: the drive, its runs, and the distance in each by the model, in the odometer's metres."""
+    """Data for pictures: the drive, its runs, and the modelled distance in each run, in the odometer's metres."""
 
     signals: DriveSignals
     runs: PedalRuns
@@ -157,7 +157,7 @@ def _judge(judge: LoggedDrive, fit: PedalsFit) -> Figure:
 
 
 class RearRatioOptions(ConfigTable):
-    """By what k is found, or that the rear angles are to be a map."""
+    """Method by which k is found; ``rear_map`` finds a map of rear angles instead."""
 
     method: Literal["heading", "wheel_angles", "rear_map"] = "heading"
 
@@ -198,7 +198,7 @@ def study_rear_ratio(task: Task) -> Outcome:
 
 
 def _rear_map(task: Task, drive: LoggedDrive) -> Outcome:
-    """Find ``rear_map``, which comes before k wherever the vehicle file is used."""
+    """Fit ``rear_map``, which takes precedence over k wherever the vehicle file is used."""
     with fitting(drive.path):
         fit, ratio = fit_rear_map(drive.signals), rear_ratio_by_angles(drive.signals)
     own_deg = float(np.degrees(fit.scale_rad))
@@ -216,7 +216,7 @@ def _rear_map(task: Task, drive: LoggedDrive) -> Outcome:
 
 
 def _judge_rear_map(judge: LoggedDrive, fit: RearMapFit) -> Figure:
-    """The map of another drive less this one, over the angles that both have."""
+    """The map of another drive minus this one, over their common angles."""
     with fitting(judge.path):
         held = fit_rear_map(judge.signals)
     low, high = max(fit.front_rad[0], held.front_rad[0]), min(fit.front_rad[-1], held.front_rad[-1])
@@ -240,7 +240,7 @@ def _fit(method: str, drive: LoggedDrive, chassis: Chassis) -> tuple[RearRatioFi
         if method == "wheel_angles":
             fit = rear_ratio_by_angles(drive.signals)
             return fit, WheelAnglesStudy(*wheel_angle_blocks(drive.signals), fit)
-        # Any signal of the steering cuts the stretches: where it is still, so are the wheels.
+        # Any steering signal can cut the stretches: the wheels are still where it is constant.
         volts = drive.signals.potentiometer_v
         steering = signal_of(drive, "front_rad") if volts is None else volts
         arcs = fit_arcs(drive.signals, find_stretches(drive.signals, steering))
@@ -305,7 +305,7 @@ def study_encoder(task: Task) -> Outcome:
 
 
 def _judge_sensor(judge: LoggedDrive, fit: EncoderFit, v_per_rad: float | None) -> Figure:
-    """Pauses after another start relative to this fit, with its own zero, as set at every start."""
+    """Residuals of another drive's pauses from this fit; the encoder's zero, set at each start, is fitted anew."""
     with fitting(judge.path):
         held = fit_encoder(judge.signals, fit.reference_v)
     moved = fit._replace(reference_counts=held.reference_counts)
@@ -415,7 +415,7 @@ def study_wheel_angle(task: Task) -> Outcome:
     steering_map = fit.map
     knots = np.linspace(-1.0, 1.0, _KNOTS) * steering_map.half_span + steering_map.middle
     front, (low, high) = front_angle(steering_map, knots), front_band(steering_map, knots)
-    # Arcs tell the turn that both axles make: an error of k is one of every angle.
+    # Arcs determine the turn of both axles together: an error of k shifts every angle.
     shared = _ratio_half(task.vehicle)
     half = np.hypot(0.5 * (high - low), shared * np.abs(front))
     low, high = front - half, front + half
@@ -437,13 +437,13 @@ def study_wheel_angle(task: Task) -> Outcome:
 
 
 def _ratio_half(vehicle: VehicleFile) -> float:
-    """Half of the 95 % interval of all front angles together, as a share of them, that k's own interval makes."""
+    """Half of the 95 % interval common to all front angles, relative to the angle, due to the interval of k."""
     half = _half_width(vehicle.found.get("steering.rear_ratio"))
     return half / (1.0 + (vehicle.steering.rear_ratio or 0.0))
 
 
 def _slope_at_straight(steering_map: SteeringMap) -> Estimate:
-    """Volts a radian where the map crosses straight ahead; the interval is that of radians per volt, inverted."""
+    """Volts per radian where the map crosses straight ahead; the interval is that of radians per volt, inverted."""
     u = np.linspace(-1.0, 1.0, 2001)
     volts = steering_map.middle + u * steering_map.half_span
     at = u[np.argmin(np.abs(front_angle(steering_map, volts)))]
@@ -461,7 +461,7 @@ def _arcs(drive: LoggedDrive) -> Arcs:
 
 
 def _judge_wheel_angle(judge: LoggedDrive, chassis: Chassis, fit: WheelAngleFit) -> Figure:
-    """Angles that the arcs of another drive give, against the map."""
+    """Difference between the angles from another drive's arcs and the map."""
     with fitting(judge.path):
         held = fit_wheel_angle(_arcs(judge), chassis)
     inside = np.abs(held.steering - fit.map.middle) <= fit.map.half_span
@@ -530,9 +530,9 @@ class FinishedStudy(NamedTuple):
     """A finished study.
 
     Attributes:
-        study: as its file says.
-        outcome: the result, and its quality.
-        vehicle: the vehicle with the numbers found, ready to be written.
+        study: contents of the study file.
+        outcome: result and its quality.
+        vehicle: vehicle file with the numbers found, ready to be written.
     """
 
     study: Study
@@ -574,7 +574,7 @@ def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: s
         log = VehicleLog.open(path)
         require_serial_number(vehicle, study.vehicle, log.serial_number, path, "/vehicle@serial_number")
         signals = signals_of(log, str(path))
-        # A map of rear angles asks for measured angles, not for a drive.
+        # A map of rear angles needs measured angles, not a drive.
         by_map = study.kind == "rear_ratio" and study.options.get("method") == "rear_map"
         require_excitation("rear_map" if by_map else study.kind, path, signals)
         drives.append(LoggedDrive(path, signals))

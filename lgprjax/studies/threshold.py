@@ -1,4 +1,6 @@
-"""Study of the control threshold: the turn that a skid-steer vehicle ignores, and the swing that comes of it (MF 4)."""
+"""Study of the control threshold: the turn command that a skid-steer vehicle ignores, and the limit cycle that it
+causes (MF 4).
+"""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -18,19 +20,19 @@ from lgprjax.tuning import LimitCycle, NotExcitedError, ThresholdFit, find_limit
 _KEY = "skid_steer.threshold_mps"
 # Every fifth tick: a hundred milliseconds are short against the lag of any vehicle that swings.
 _STEP_S = 0.1
-# Records further apart are not of one stretch.
+# Longest gap between records of one stretch.
 _GAP_S = 0.5
 
 
 class FieldTicks(NamedTuple):
-    """What the ticks of a run tell in which the computer drove, ten a second.
+    """Ticks of a run in which the computer drove, resampled to 10 Hz.
 
     Attributes:
-        time_s: increasing.
-        yaw_rad: of the body, any full turns more or less.
-        cross_m: off the line, to the left positive.
-        line: of the plan; -1 in a turn.
-        turn_mps: commanded difference of the tracks, right less left.
+        time_s: tick times, increasing, s.
+        yaw_rad: yaw of the body, modulo full turns.
+        cross_m: lateral offset from the line, positive to the left.
+        line: number of the plan's line; -1 in a turn.
+        turn_mps: commanded speed difference of the tracks, right minus left.
     """
 
     time_s: Float[np.ndarray, " tick"]
@@ -71,7 +73,7 @@ def read_field_ticks(folder: Path) -> FieldTicks:
 
 
 def swings_of(ticks: FieldTicks) -> tuple[int, tuple[LimitCycle, ...]]:
-    """How many lines were long enough to look for a limit cycle, and those that were found."""
+    """Number of lines long enough for a limit cycle, and the limit cycles found."""
     cuts = np.flatnonzero((np.diff(ticks.line) != 0) | (np.diff(ticks.time_s) > _GAP_S)) + 1
     looked, found = 0, []
     for stretch in np.split(np.arange(len(ticks.line)), cuts):
@@ -118,7 +120,7 @@ def study_threshold(task: Task) -> Outcome:
 
 
 def _against(judge: Path, fit: ThresholdFit, held: ThresholdFit) -> tuple[Contradiction, ...]:
-    """Two thresholds that differ, or one beside a run that tells that there is none there."""
+    """Contradiction between two thresholds, or between a threshold and a run that excludes it."""
     if fit.found and held.found:
         return compared(_KEY, judge, fit.threshold_mps, held.threshold_mps)
     if fit.found == held.found:
@@ -136,7 +138,7 @@ def _fit(folder: Path, ticks: FieldTicks) -> ThresholdFit:
 
 
 def _note(folder: Path, ticks: FieldTicks, figures: list[Figure]) -> str:
-    """What was found of swings; their size and period go to the figures."""
+    """Note on the limit cycles found; their size and period are appended to the figures."""
     looked, found = swings_of(ticks)
     if found:
         size, period = (

@@ -1,4 +1,4 @@
-"""Study of tracking: how well logged drives followed their path, by fixes smoothed back and forth."""
+"""Study of tracking: errors of logged drives against their path, by smoothed fixes."""
 
 from pathlib import Path as FilePath
 from typing import NamedTuple
@@ -32,17 +32,17 @@ _LEAST_FIXES = 20
 
 
 class TrackingOptions(ConfigTable):
-    """The path that was to be followed.
+    """Options of the study: the reference path.
 
     Attributes:
-        path: a drive log whose places are the path; empty: the path that each log's own plan was measured from.
+        path: drive log whose positions are the path; empty: the path of each log's own plan.
     """
 
     path: str = Field(default="")
 
 
 class TrackingStudy(NamedTuple):
-    """For pictures: names, drives beside their paths and their figures, RMS by speed over all of them."""
+    """Data for pictures: names, drives with their paths and figures, and RMS errors of all drives by speed."""
 
     names: tuple[str, ...]
     drives: tuple[TrackedDrive, ...]
@@ -51,10 +51,10 @@ class TrackingStudy(NamedTuple):
 
 
 def study_tracking(task: Task) -> Outcome:
-    """Measure tracking; no number of the vehicle file is found by it.
+    """Measure tracking errors, without a change of the vehicle file.
 
     Raises:
-        InputError: a log has no fixes, no path, or is not along it.
+        InputError: a log has no fixes, no path, or does not follow the path.
     """
     options = options_of(task, TrackingOptions)
     anchor = task.vehicle.pursuit.anchor_m
@@ -94,10 +94,10 @@ def study_tracking(task: Task) -> Outcome:
 
 
 def tracked(task: Task, drive: LoopDrive, places: SmoothedDrive, reference: str, anchor_m: float) -> TrackedDrive:
-    """A smoothed drive beside its path.
+    """Errors of a smoothed drive against its path.
 
     Raises:
-        InputError: there are too few fixes, or nobody knows the path.
+        InputError: there are too few fixes, or the path is unknown.
     """
     if places.fixes < _LEAST_FIXES:
         raise InputError(drive.path, "fixes", f"{_LEAST_FIXES} fixes or more accepted by the filter", str(places.fixes))
@@ -118,7 +118,7 @@ def tracked(task: Task, drive: LoopDrive, places: SmoothedDrive, reference: str,
 
 
 def _answer(task: Task, drive: LoopDrive, places: SmoothedDrive) -> Float[np.ndarray, " tick"]:
-    """Curvature of the commanded wheel angles by the vehicle file, or of the way."""
+    """Curvature of the commanded wheel angles by the vehicle file, or of the driven path, 1/m."""
     moving = np.where(np.abs(places.speed_mps) > 0.3, places.speed_mps, np.nan)
     if not np.isfinite(drive.command_rad).any():
         return np.asarray(places.yaw_rate_radps / moving)
@@ -130,7 +130,7 @@ def _answer(task: Task, drive: LoopDrive, places: SmoothedDrive) -> Float[np.nda
 
 
 def plan_path(drive: LoopDrive, places: SmoothedDrive, anchor_m: float) -> Path:
-    """The path that the log's own offsets were measured from; while it was driven by, place and offset err together."""
+    """The path from which the log's own offsets were measured; under autopilot, position and offset share errors."""
     offset = np.interp(places.time_s, drive.time_s, drive.offset_m, left=np.nan, right=np.nan)
     known = np.isfinite(offset)
     if np.count_nonzero(known) < 50:
@@ -142,7 +142,7 @@ def plan_path(drive: LoopDrive, places: SmoothedDrive, anchor_m: float) -> Path:
 
 
 def _reference(task: Task, drive: LoopDrive, name: str) -> Path:
-    """The path along another log's places, in the frame of this one."""
+    """The path along another log's positions, in the frame of this log."""
     file = task.study.file.parent / name
     if is_run(drive.path):
         raise InputError(drive.path, "options.path", "drive logs (options.path is a drive log)", "a recorded run")

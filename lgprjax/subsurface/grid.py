@@ -44,9 +44,9 @@ class Tile(NamedTuple):
     that no baseline came near are masked and hold zeros.
 
     Attributes:
-        coefficients: of the ground at each cell, at the tile's height reference.
+        coefficients: coefficients of the ground at each cell, at the tile's height reference.
         power: sum of squares of the coefficients of each cell.
-        valid: cells that a baseline covers.
+        valid: mask of cells that a baseline covers.
         origin_m: along and cross of cell (0, 0).
         cell_m: spacing along and cross.
     """
@@ -61,9 +61,9 @@ class Tile(NamedTuple):
 def sample_tile(
     tile: Tile, position_m: Float[Array, "*batch 2"]
 ) -> tuple[Float[Array, "*batch coefficient"], Bool[Array, "*batch"]]:
-    """Bilinear sample of the tile; valid only where all four cells are.
+    """Bilinear sample of the tile; valid only if all four cells are.
 
-    A gather out of range would clamp silently and repeat the tile's edge: only the mask says that there is no ground.
+    A gather out of range would clamp silently and repeat the tile's edge: only the mask marks missing ground.
 
     Args:
         position_m: along and cross in the tile's frame.
@@ -101,7 +101,7 @@ _COVERS_CROSS = 1.0
 _TOGETHER = 2048
 """Traces whose weights are computed together: their data fit the processor's cache."""
 _SLACK = 1e-3
-"""In cells: margin of the box around a kernel, so that rounding loses no cell at its edge."""
+"""Margin of the box around a kernel, in cells, so that rounding does not lose cells at its edge."""
 
 
 @dataclass(frozen=True)
@@ -126,10 +126,10 @@ class TraceSet(NamedTuple):
     """Antenna traces near a tile, any number of them.
 
     Attributes:
-        coefficients: of each trace, at the tile's height reference.
+        coefficients: coefficients of each trace, at the tile's height reference.
         position_m: along and cross in the tile's frame.
         direction: cosine and sine of the station's yaw in the tile's frame.
-        weight: of the trace; 0 where it is invalid.
+        weight: weight of the trace; 0 if it is invalid.
     """
 
     coefficients: Float32[np.ndarray, "trace coefficient"]
@@ -142,9 +142,9 @@ class _Spread(NamedTuple):
     """Kernels of consecutive traces, cell after cell.
 
     Attributes:
-        cells: that each trace reaches.
-        cell, weight: of each trace in turn.
-        close: the trace covers the cell.
+        cells: number of cells that each trace reaches.
+        cell, weight: reached cells and weights of each trace in turn.
+        close: whether the trace covers the cell.
     """
 
     cells: Int[np.ndarray, " trace"]
@@ -160,7 +160,7 @@ def grid_spec(along_m: float, cross_m: float, *, step_m: float, pitch_m: float, 
         along_m, cross_m: extent.
         step_m: spacing of the map's stations.
         pitch_m: spacing of the array's channels.
-        wavelength_m: of the centre frequency in nominal soil.
+        wavelength_m: wavelength of the centre frequency in nominal soil.
     """
     along_cell_m = min(step_m, wavelength_m / 10.0)
     cross_cell_m = min(pitch_m / 2.0, wavelength_m / 5.0)
@@ -183,8 +183,8 @@ def _rung(cells: float) -> int:
 def grid_traces(traces: TraceSet, origin_m: Float[np.ndarray, "2"], *, spec: GridSpec) -> Tile:
     """Spread traces onto the grid.
 
-    A cell is valid where some trace lies within one standard deviation across its track (0.6 of the channel pitch)
-    and one and a half along it.
+    A cell is valid if some trace is within one standard deviation across its track (0.6 of the channel pitch) and one
+    and a half along it.
 
     Args:
         traces: see ``TraceSet``.
@@ -197,7 +197,7 @@ def grid_traces(traces: TraceSet, origin_m: Float[np.ndarray, "2"], *, spec: Gri
     valid = np.zeros(cells, bool)
     valid[cell[close]] = True
     total = np.bincount(cell, weights=weight, minlength=cells)
-    # Divided by the cell's total here, which is less to do than in the grid itself.
+    # Divided by the cell's total here, which is less work than in the grid itself.
     share = np.where(valid, 1.0 / np.maximum(total, 1e-6), 0.0).astype(np.float32)[cell] * weight
     ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
     value = csc_array((share, cell, ends), shape=(cells, len(count))) @ traces.coefficients
@@ -268,18 +268,18 @@ def _by_trace(values: np.ndarray) -> np.ndarray:
 
 # A tile filtered like a live scan.
 #
-# From live scans the running mean of the track behind them is removed, from maps that over both sides. The first moves
-# ground of wavelength w forward by about w²/(2 pi² length), so that matches of one with the other lie centimetres
+# From live scans the running mean of the track behind them is removed, from maps that over both sides. The first shifts
+# ground of wavelength w forward by about w²/(2 pi² length), so that matches of one with the other are centimetres
 # ahead. With the live filter applied to the tile too, in the direction of travel, both are shifted alike.
 
 
 @partial(jax.jit, static_argnames="direction")
 def filter_along(tile: Tile, length_m: Float[Array, ""], *, direction: int) -> Tile:
-    """The tile less the causal running mean along its axis.
+    """The tile minus the causal running mean along its axis.
 
     Args:
-        tile: of a map, filtered to both sides.
-        length_m: of the live filter.
+        tile: tile of a map, filtered to both sides.
+        length_m: length of the live filter.
         direction: 1 for travel along the tile's axis, -1 against it.
     """
     # The live filter's mean decays over half its length (radar.run_live_filter).

@@ -24,10 +24,10 @@ class LevelledStations(NamedTuple):
     """Stations, one row each.
 
     Attributes:
-        coefficients: of every trace, at the common antenna height; zeros where it is not valid.
+        coefficients: coefficients of every trace, at the common antenna height; zeros if it is not valid.
         place_m: east and north of every antenna.
-        yaw_rad: of the array.
-        weight: of every trace in gridding; 0 where it is not valid.
+        yaw_rad: yaw of the array.
+        weight: weight of every trace in gridding; 0 if it is not valid.
     """
 
     coefficients: Float32[np.ndarray, "scan channel coefficient"]
@@ -256,9 +256,9 @@ class GroundMap:
         """The tile, from the cache or gridded now.
 
         Args:
-            number: of the tile.
-            direction: of the live scans, 1 along its axis and -1 against it (see ``filter_along``); 0 for the ground as
-                stored in the map.
+            number: number of the tile.
+            direction: direction of the live scans, 1 along its axis and -1 against it (see ``filter_along``); 0 for the
+                ground as stored in the map.
         """
         if (number, direction) in self._tiles:
             self._tiles.move_to_end((number, direction))

@@ -20,16 +20,16 @@ _REACH = 1.25  # the kernel is cut off here, in steps
 
 
 class ScanBlock(NamedTuple):
-    """Profiled scans of a drive, in order, with where they were taken.
+    """Profiled scans of a drive, in order, with their positions.
 
     Attributes:
-        profile: before background removal.
-        valid: channels that hold data.
+        profile: profile traces before background removal.
+        valid: mask of channels with data.
         travel_m: distance travelled since the start of the drive; falls in reverse.
         pose: array centre (east_m, north_m, height_m above ground, yaw_rad, roll_rad), the yaw unwrapped.
         ground_up_m: local height of the ground under the array.
         antenna_m: antennas (east and north offset from the pose, height above ground).
-        time_s: of the scan.
+        time_s: scan times.
     """
 
     profile: Float[np.ndarray, "scan channel sample"]
@@ -56,9 +56,9 @@ class Coherence(NamedTuple):
     """Running sums behind the depth gain.
 
     Attributes:
-        power: of the traces.
+        power: power of the traces.
         lagged, distant: product with the traces a short and a long lag farther on (see ``coherence_lags``).
-        traces, lagged_pairs, distant_pairs: how many were summed.
+        traces, lagged_pairs, distant_pairs: number of traces and pairs summed.
     """
 
     power: Float[np.ndarray, " sample"]
@@ -70,7 +70,7 @@ class Coherence(NamedTuple):
 
     @staticmethod
     def empty(samples: int) -> "Coherence":
-        """Nothing seen yet."""
+        """Sums without data."""
         return Coherence(np.zeros(samples), np.zeros(samples), np.zeros(samples), 0, 0, 0)
 
     def add(self, block: StationBlock, lags: tuple[int, int]) -> "Coherence":
@@ -117,20 +117,19 @@ def _products(block: StationBlock, lag: int) -> tuple[Float[np.ndarray, " sample
 def stations_of_drive(
     blocks: Iterable[ScanBlock], settings: ChainSettings, scan_spacing_m: float
 ) -> Iterator[StationBlock]:
-    """Scans of one drive to its stations, streaming.
+    """Convert scans of one drive to its stations, streaming.
 
-    Standing adds nothing and reverse is left out: a station uses scans only from the vehicle's first pass. A station
-    without a scan nearby is skipped. Where more are missing than the background removal spans, as between the lines of
-    a survey, it begins anew: nothing ties the background there to the one before.
+    Scans at standstill add nothing and reverse is left out: a station uses scans only from the vehicle's first pass. A
+    station without a scan nearby is skipped. The background removal restarts across gaps longer than its length, as
+    between the lines of a survey, because the backgrounds there are unrelated.
 
     Args:
-        blocks: the drive's scans in order.
-        settings: the chain, with the step and the length of the background removal.
-        scan_spacing_m: typical distance between scans; where it is no finer than the step, a station is its
-            nearest scan.
+        blocks: scans of the drive in order.
+        settings: settings of the chain, with the step and the length of the background removal.
+        scan_spacing_m: typical distance between scans; if it is no finer than the step, a station is its nearest scan.
 
     Yields:
-        blocks of filtered stations, each station once.
+        Blocks of filtered stations, each station once.
     """
     filter_stations = max(3, round(settings.track_filter_m / settings.step_m))
     halo = filter_stations // 2
@@ -194,7 +193,7 @@ def _uniform(
 def _stations(
     scans: ScanBlock, number: Int[np.ndarray, " station"], step_m: float, smooth: bool
 ) -> tuple[StationBlock, Int[np.ndarray, " seen"]]:
-    """Those of the stations that have a scan nearby, and their numbers."""
+    """Stations with a scan nearby, and their numbers."""
     at_m = number * step_m
     apart = scans.travel_m[None, :] - at_m[:, None]
     if smooth:
@@ -292,11 +291,11 @@ def _key(column: Int[np.ndarray, "..."], row: Int[np.ndarray, "..."]) -> Int[np.
 class TilePlacer:
     """Places tile frames (east_m, north_m, yaw_rad) along drives, where earlier ones do not serve yet.
 
-    A tile is centred on the drive, its axis along it. A frame within half the spacing serves a station: a second drive
-    over the same road, in either direction, adds hardly any.
+    A tile is centred on the drive, its axis along it. A frame within half the spacing serves a station, so a second
+    drive over the same road, in either direction, adds hardly any.
 
     Args:
-        spacing_m: no station is farther than half of this from a frame.
+        spacing_m: twice the largest distance of a station from a frame.
     """
 
     def __init__(self, spacing_m: float) -> None:
@@ -334,8 +333,8 @@ class TilePlacer:
 
 # Positions of a map's stations: short stretches are in memory, the stations themselves are read when needed.
 #
-# A stretch takes 56 bytes for up to sixteen stations, so that a map of any length is opened at once; whoever needs the
-# stations about a point reads those of the few stretches that come near it.
+# A stretch takes 56 bytes for up to sixteen stations, so that a map of any length is opened at once; for the stations
+# about a point only the few stretches near it are read.
 
 _STATIONS = 16
 _GAP = 4.0
@@ -379,8 +378,8 @@ def stretches_of(place_m: Float[np.ndarray, "scan 2"], drive: Int[np.ndarray, " 
 
     Args:
         place_m: east and north of the stations.
-        drive: their baselines.
-        first: number of the first of them.
+        drive: baseline of each station.
+        first: number of the first station.
     """
     stations = np.arange(len(place_m))
     step_m = np.hypot(*np.diff(place_m, axis=0).T)
@@ -400,9 +399,9 @@ class StationPlaces:
     """All stations of a map by their places.
 
     Args:
-        stretches: of the map, rising.
-        stations: of the map.
-        read: reads the reads the places of the stations with these rising numbers.
+        stretches: stretches of the map, rising.
+        stations: number of stations of the map.
+        read: function that reads the places of stations with rising numbers.
     """
 
     def __init__(
@@ -424,7 +423,7 @@ class StationPlaces:
         )
 
     def __len__(self) -> int:
-        """Stations of the map."""
+        """Number of stations of the map."""
         return int(self._bounds[-1])
 
     def read(self, stations: Int[np.ndarray, " scan"]) -> StationPositions:
@@ -438,7 +437,7 @@ class StationPlaces:
         return np.asarray(numbers[np.sum(apart**2, axis=1) <= radius_m**2])
 
     def nearest(self, points_m: Float[np.ndarray, "point 2"], radius_m: float) -> Int[np.ndarray, " point"]:
-        """Number of the station nearest to each point (the lowest of equals), -1 where none is within ``radius_m``."""
+        """Number of the station nearest to each point (the lowest of equals), -1 if none is within ``radius_m``."""
         out = np.full(len(points_m), -1)
         for share in _NEARER:
             left = np.flatnonzero(out < 0)
@@ -483,16 +482,16 @@ class MapDescription(NamedTuple):
     """Properties of a whole map.
 
     Attributes:
-        name: of the map.
-        frame: its local frame.
-        settings: the processing chain of its baselines, and of live scans.
+        name: name of the map.
+        frame: local frame of the map.
+        settings: settings of the processing chain of its baselines, and of live scans.
         channel_pitch_m: spacing of the array's channels.
         channels: largest number of channels of a baseline.
-        tile_spacing_m: no station is farther than half of this from a tile frame.
+        tile_spacing_m: twice the largest distance of a station from a tile frame.
         gain: depth gain of each profile sample.
-        label_sigma_m: of each baseline: sigma of its positions as stated by its navigation, root mean square over the
-            drive and over east and north; 0 where none was stated.
-        weight: of each baseline's traces in gridding; empty where all weigh the same.
+        label_sigma_m: standard deviation of each baseline's positions stated by its navigation, root mean square over
+            the drive and over east and north; 0 if none was stated.
+        weight: weight of each baseline's traces in gridding; empty if all weigh the same.
     """
 
     name: str
@@ -573,8 +572,8 @@ def track_extents(
 
     Args:
         frames: east_m, north_m, yaw_rad of the tiles.
-        places: of the stations.
-        half_m: of the box, along and across.
+        places: places of the stations.
+        half_m: half widths of the box, along and across.
     """
     low, high = np.full((len(frames), 2), np.inf), np.full((len(frames), 2), -np.inf)
     for begin in range(0, len(frames), _TILES):

@@ -16,13 +16,13 @@ class Servo(NamedTuple):
 
     Attributes:
         lag_s: time constant towards the command; 0 for none.
-        rate_radps: fastest turning at full torque; infinite for no limit.
-        delay_s: from a command to its first effect.
+        rate_radps: largest rate at full torque; infinite for no limit.
+        delay_s: dead time from a command to its first effect.
         dead_band_rad: difference of position and command below which the motor does not move.
         backlash_rad: play of the linkage, from side to side.
         asymmetry: share by which turning left is faster than the mean, and right is slower.
-        nominal_v: supply at which torque is full.
-        stall_v: supply at which nothing moves.
+        nominal_v: supply voltage of full torque.
+        stall_v: supply voltage at which the servo stalls.
     """
 
     lag_s: Float[Array, "..."]
@@ -40,8 +40,8 @@ class ServoState(NamedTuple):
 
     Attributes:
         motor_rad: position of the motor, as an angle of the wheels.
-        wheel_rad: of the front wheels, behind the play.
-        waiting_rad: commands without effect so far, newest first; as many as the longest delay has steps.
+        wheel_rad: angle of the front wheels, behind the play.
+        waiting_rad: delayed commands, newest first; as many as the longest delay has steps.
     """
 
     motor_rad: Float[Array, "..."]
@@ -66,12 +66,12 @@ def torque_share(servo: Servo, supply_v: Float[Array, "..."]) -> Float[Array, ".
 
 
 class ServoPace(NamedTuple):
-    """Quantities of a servo that are constant while step and torque are.
+    """Quantities of a servo that are constant for a constant step and torque.
 
     Attributes:
         approach: share of the distance to the command that a step covers.
         left_rad, right_rad: largest turn of a step to either side.
-        play_rad: half of it.
+        play_rad: half of the play.
         dead_band_rad: as in ``Servo``.
         delay_steps: delay in steps.
     """
@@ -91,8 +91,8 @@ def servo_pace(servo: Servo, share: float | Float[Array, "..."], step_s: float |
     inverse: this is why a weak servo needs a longer look-ahead.
 
     Args:
-        servo: its parameters.
-        share: of the full torque, from ``torque_share``.
+        servo: parameters of the servo.
+        share: share of the full torque, from ``torque_share``.
         step_s: time step.
     """
     # The exact step of a first-order lag; without a lag the whole distance at once.
@@ -189,8 +189,8 @@ class PedalState(NamedTuple):
     """State of a pedal from step to step.
 
     Attributes:
-        pressed: as a command beyond the pre-tension, at least 0.
-        effect_mps2: acceleration, or deceleration, at present.
+        pressed: pedal position, as a command beyond the pre-tension, at least 0.
+        effect_mps2: present acceleration, or deceleration.
     """
 
     pressed: Float[Array, "..."]

@@ -23,11 +23,11 @@ class ProportionalRear(NamedTuple):
 
 
 class MeasuredRear(NamedTuple):
-    """Rear wheels as measured: ψ(φ) linear between knots, continued with the end's slope beyond them.
+    """Measured map of the rear wheels: ψ(φ) linear between knots, continued with the end's slope beyond them.
 
     Attributes:
         first_rad: front angle of the first knot.
-        step_rad: from knot to knot.
+        step_rad: front angle between knots.
         rear_rad: magnitude of counter-steer at each knot, signed as the front angle.
     """
 
@@ -43,10 +43,10 @@ class Chassis(NamedTuple):
     """Steering geometry of a vehicle. Fields are scalars or one value per batch element.
 
     Attributes:
-        wheelbase_m: L, front to rear axle.
-        anchor_m: l, from the rear axle forward to the point that follows the path.
-        rear: how the rear wheels follow.
-        largest_angle_rad: of the front wheels, to either side.
+        wheelbase_m: L, distance from the front to the rear axle.
+        anchor_m: l, distance from the rear axle forward to the point that follows the path.
+        rear: rear ratio, or measured map of the rear wheels.
+        largest_angle_rad: largest angle of the front wheels, to either side.
         characteristic_speed_mps: V_CHAR of the yaw gain; infinite without slip.
     """
 
@@ -61,7 +61,7 @@ class Turn(NamedTuple):
     """The turn that results from wheel angles.
 
     Attributes:
-        curvature_radpm: of the zero-slip point, without loss of yaw: the yaw rate over the forward speed.
+        curvature_radpm: curvature of the zero-slip point, without loss of yaw: yaw rate divided by forward speed.
         rear_tangent: tan ψ; the rear axle moves sideways by this share of its forward motion, to the right when
             positive.
     """
@@ -130,10 +130,10 @@ def drive_arc(
     computed from their series, so that nothing is divided by the curvature.
 
     Args:
-        pose: before.
+        pose: pose before the arc.
         travel_m: displacement of any point of the centre line along the body axis.
-        turn: from ``turn_of``.
-        gain: G_ss, from ``yaw_gain``.
+        turn: turn from ``turn_of``.
+        gain: yaw gain G_ss, from ``yaw_gain``.
     """
     change = gain * turn.curvature_radpm * travel_m
     small = jnp.abs(change) < 0.05
@@ -205,9 +205,9 @@ def rear_of_linkages(front: Linkage, rear: Linkage, largest_rad: float, *, knots
     """Rear map of two linkages on one shaft, for a ``Chassis``.
 
     Args:
-        front, rear: of the two axles, scalars.
-        largest_rad: front angle that the map reaches to either side.
-        knots: of the map; linear between.
+        front, rear: linkages of the two axles, scalars.
+        largest_rad: largest front angle of the map, to either side.
+        knots: number of knots of the map, which is linear between them.
 
     Raises:
         ValueError: one of the linkages does not reach the largest angle.
@@ -229,11 +229,11 @@ class SkidSteer(NamedTuple):
     """Limits of a skid-steer vehicle. Fields are scalars or one value per batch element.
 
     Attributes:
-        track_m: effective track: the speeds' difference over it is the yaw rate. Scrubbing wheels turn the body less
-            than their spacing suggests, so it is wider than that.
-        largest_wheel_mps: of either side, forward and backward.
-        wheel_rate_mps2: fastest change of a side's speed.
-        smallest_radius_m: of commanded arcs.
+        track_m: effective track width: the speed difference divided by it is the yaw rate. Scrubbing wheels turn the
+            body less than their spacing suggests, so it is wider than that.
+        largest_wheel_mps: largest speed of either side, forward and backward.
+        wheel_rate_mps2: largest change of a side's speed.
+        smallest_radius_m: smallest radius of commanded arcs.
     """
 
     track_m: Float[Array, "..."]
@@ -273,9 +273,9 @@ def drive_skid_arc(
     on the spot does not move.
 
     Args:
-        pose: of the midpoint, before.
-        track_m: effective.
-        wheels: over ground.
+        pose: pose of the midpoint before the arc.
+        track_m: effective track width.
+        wheels: wheel speeds over ground.
         step_s: duration; a negative time goes back along the arc.
     """
     speed_mps, yaw_rate_radps = body_rates(track_m, wheels)

@@ -1,4 +1,4 @@
-"""Path-following metrics of a rollout, accumulated while it runs: no trajectory is kept."""
+"""Path-following metrics of a rollout, accumulated while it runs, without storing the trajectory."""
 
 from typing import NamedTuple
 
@@ -67,13 +67,13 @@ def step_metrics(
     """Add one step.
 
     Args:
-        sums: so far.
-        offset_m: of the anchor from the path, signed.
+        sums: sums so far.
+        offset_m: signed offset of the anchor from the path.
         travelled_m: distance from the start, including this step.
-        late: the step belongs to the last stretch.
+        late: whether the step belongs to the last stretch.
         steered_rad: movement of the wheels in the step, not negative.
-        reachable: the step's goal was.
-        tolerance_m: of the settling distance.
+        reachable: whether the step's goal was reachable.
+        tolerance_m: tolerance of the settling distance.
     """
     error = jnp.abs(offset_m)
     return MetricSums(

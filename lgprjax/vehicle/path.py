@@ -24,12 +24,12 @@ class Path(NamedTuple):
     """A path in level local metres.
 
     Attributes:
-        rows: x, y, cosine and sine of the heading at an arc's start, its curvature. The first row leads straight up to
-            the path's start, the last straight away from its end. One row holds everything that a look-up needs: rows
+        rows: x, y, cosine and sine of the heading at an arc's start, and its curvature. The first row leads straight up
+            to the path's start, the last straight away from its end. One row holds all data of a look-up, because rows
             are fetched whole.
         spacing_m: length of an arc.
-        length_m: of the path.
-        laps_per_m: one over the length where the path is closed, 0 where it is open.
+        length_m: length of the path.
+        laps_per_m: inverse of the length for a closed path, 0 for an open one.
     """
 
     rows: Float[Array, "row 5"]
@@ -43,8 +43,8 @@ class PathPoint(NamedTuple):
 
     Attributes:
         x_m, y_m: position.
-        cos, sin: of its heading.
-        curvature_radpm: of its arc, positive to the left.
+        cos, sin: cosine and sine of its heading.
+        curvature_radpm: curvature of its arc, positive to the left.
     """
 
     x_m: Float[Array, "..."]
@@ -58,8 +58,8 @@ class Projection(NamedTuple):
     """A point's position relative to the path.
 
     Attributes:
-        arc_m: of its foot point.
-        offset_m: from the foot point, positive to the left of the path.
+        arc_m: arc length of its foot point.
+        offset_m: offset from the foot point, positive to the left of the path.
     """
 
     arc_m: Float[Array, "..."]
@@ -93,9 +93,9 @@ def project(path: Path, near_m: Float[Array, "..."], x_m: Float[Array, "..."], y
     next arcs.
 
     Args:
-        path: to project on.
+        path: path to project on.
         near_m: arc length near the foot, from the last step.
-        x_m, y_m: the point.
+        x_m, y_m: coordinates of the point.
     """
     beyond, (x, y, cos, sin, curvature) = _fetch(path, near_m)
     east, north = x_m - x, y_m - y
@@ -131,14 +131,14 @@ def path_from_curvature(
     """A path of consecutive arcs of one length.
 
     Args:
-        curvature_radpm: of each arc.
-        spacing_m: length of each.
-        start: x_m, y_m and heading in radians.
-        closed: the end is the start; the caller's curvatures must make it so to a millimetre.
+        curvature_radpm: curvature of each arc.
+        spacing_m: length of each arc.
+        start: x_m, y_m and heading in radians of the start.
+        closed: whether the path ends at its start, as the curvatures must ensure to a millimetre.
 
     Raises:
-        InputError: no arcs, non-finite numbers, an arc that turns by more than half a radian, or a closed path whose
-            end is not its start.
+        InputError: there are no arcs, numbers are not finite, an arc turns by more than half a radian, or a closed path
+            does not end at its start.
     """
     curvature = np.asarray(curvature_radpm, np.float64)
     if len(curvature) == 0 or not np.all(np.isfinite(curvature)):
@@ -167,12 +167,12 @@ def path_from_points(
     Positions follow the noise only as far as the pieces do: a noisier log should be smoothed first.
 
     Args:
-        points_m: in driving order; a closed path's first point is not repeated at its end.
+        points_m: points in driving order; a closed path's first point is not repeated at its end.
         spacing_m: wanted length of an arc; the length used divides the path.
-        closed: the last point leads to the first.
+        closed: whether the last point leads to the first.
 
     Raises:
-        InputError: fewer than three separate points, or non-finite numbers.
+        InputError: there are fewer than three separate points, or numbers are not finite.
     """
     points = np.asarray(points_m, np.float64)
     if not np.all(np.isfinite(points)):
@@ -304,14 +304,14 @@ def clothoid_course(
     """Straight, clothoid into an arc, clothoid out of it, straight: a road curve.
 
     Args:
-        radius_m: of the arc.
-        turn_rad: of the whole curve, clothoids included.
-        clothoid_m: length of each; curvature grows in proportion to the distance.
-        hand: to which side.
-        straight_m: before and after.
+        radius_m: radius of the arc.
+        turn_rad: turn of the whole curve, clothoids included.
+        clothoid_m: length of each clothoid, in which curvature grows in proportion to the distance.
+        hand: side of the turn.
+        straight_m: length of the straights before and after.
 
     Raises:
-        InputError: a length not positive, or clothoids that turn by more than the whole curve.
+        InputError: a length is not positive, or the clothoids turn by more than the whole curve.
     """
     _check_radius(radius_m)
     for name, value in (("turn_rad", turn_rad), ("clothoid_m", clothoid_m), ("straight_m", straight_m)):

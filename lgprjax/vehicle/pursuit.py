@@ -126,9 +126,9 @@ class LookAhead(NamedTuple):
     """A look-ahead over speed. Fields are scalars or one value per batch element; equal speeds give a step.
 
     Attributes:
-        short_m: at and below the slow speed; along the path.
-        long_m: at and above the fast one.
-        slow_mps, fast_mps: between them it grows linearly.
+        short_m: look-ahead along the path at and below the slow speed.
+        long_m: look-ahead at and above the fast speed.
+        slow_mps, fast_mps: speeds between which it grows linearly.
     """
 
     short_m: Float[Array, "..."]
@@ -152,13 +152,13 @@ def stretched_look_ahead(
     share: Float[Array, "..."],
     least_share: Float[Array, "..."],
 ) -> LookAhead:
-    """The schedule of a servo that has only a share of its torque left: longer by that share to minus the exponent.
+    """The schedule of a servo with a remaining share of its torque: longer by the factor share to minus the exponent.
 
     Args:
-        schedule: at full torque.
-        exponent: how fast it grows; 0 leaves it.
-        share: of the torque; values above 1 are 1, what is not finite is ``least_share``.
-        least_share: below which it does not grow further: no study looked there.
+        schedule: schedule at full torque.
+        exponent: exponent of the growth; 0: none.
+        share: share of the torque; values above 1 count as 1, values that are not finite as ``least_share``.
+        least_share: share below which it does not grow further, because no study covers it.
     """
     held = jnp.clip(jnp.where(jnp.isfinite(share), share, least_share), least_share, 1.0)
     longer = held**-exponent
@@ -189,24 +189,24 @@ def steer_stanley(
     """Front angle, clipped to the largest.
 
     Args:
-        chassis: its limits.
+        chassis: limits of the chassis.
         heading_error_rad: direction of the path minus that of the body, at the front axle's projection.
-        offset_m: of the path from the front axle, positive where the path is to the left.
-        speed_mps: forward.
-        gain_ps: rate, per second, at which a small offset dies out.
+        offset_m: offset of the path from the front axle, positive if the path is to the left.
+        speed_mps: forward speed.
+        gain_ps: decay rate of a small offset, 1/s.
     """
     front = heading_error_rad + jnp.arctan(gain_ps * offset_m / (jnp.abs(speed_mps) + _STANDING_MPS))
     return jnp.clip(front, -chassis.largest_angle_rad, chassis.largest_angle_rad)
 
 
-# Dead band and play of the steering, and a command that makes up for them.
+# Dead band and play of the steering, and a command that compensates them.
 #
 # The wheels stay behind a command by the dead band and half of the play, on the side that they come from. When the
-# command turns back they stand until it has crossed both twice: a law that does not know this waits for an error that
-# is large enough, and swings about its path.
+# command turns back they do not move until it has crossed both twice: a law without compensation waits for a large
+# enough error, and swings about its path.
 #
-# The command leads the wanted angle by as much to the side that it moves to. How far it leads follows the last small
-# turn of the wanted angle, without a jump: noise does not throw it from side to side.
+# The command leads the wanted angle by as much to the side of its motion. The lead follows the last small turn of the
+# wanted angle, without a jump, so that noise does not flip it from side to side.
 
 _TURN_SHARE, _LEAST_TURN_RAD = 0.25, 0.001
 """Turn of the wanted angle over which the lead changes sides, half of it: as a share of the lead, and at least."""
@@ -218,9 +218,9 @@ def step_slack(
     """Middle of the last turn, carried to the next step, and the command that brings the wheels to the wanted angle.
 
     Args:
-        slack_rad: dead band and half of the play; 0 commands what is wanted.
-        middle_rad: of the last step; at first where the wheels are.
-        wanted_rad: angle of the front wheels.
+        slack_rad: dead band and half of the play; 0: no compensation.
+        middle_rad: middle from the last step; at first the wheels' angle.
+        wanted_rad: wanted angle of the front wheels.
     """
     turn = jnp.maximum(_TURN_SHARE * jnp.asarray(slack_rad, jnp.float32), _LEAST_TURN_RAD)
     middle = jnp.clip(middle_rad, wanted_rad - turn, wanted_rad + turn)
@@ -265,7 +265,7 @@ def obeyed_wheels(threshold_mps: Float[Array, "..."], wheels: WheelSpeeds) -> Wh
 
 
 def init_pulses(like: Float[Array, "..."]) -> PulseState:
-    """No turn due; one value for each of ``like``."""
+    """Initial state without a pending turn; one value for each of ``like``."""
     zero = jnp.zeros_like(like)
     return PulseState(zero, zero, zero)
 
@@ -275,11 +275,11 @@ def step_pulses(
 ) -> tuple[PulseState, WheelSpeeds]:
     """State and the wheel speeds to send to a vehicle with a threshold; call ``settle_pulses`` after sending them.
 
-    A turn above the threshold passes unchanged. At standstill there are no pulses and nothing stays due.
+    A turn above the threshold passes unchanged. At standstill there are no pulses and nothing stays pending.
 
     Args:
-        threshold_mps: of the wheels' difference, or slightly more; 0 changes nothing.
-        state: of the last step.
+        threshold_mps: threshold of the wheels' speed difference, or slightly more; 0: no pulses.
+        state: state of the last step.
         commanded: commanded wheel speeds.
         step_s: time step.
     """
@@ -306,7 +306,7 @@ def settle_pulses(
     """The accumulated turn after a step: commanded minus executed.
 
     A limiter's ramp may keep a pulse below the threshold for some steps; this is accounted for. Never more than one
-    pulse is due: turns beyond the limits of the wheels are not made up for later.
+    pulse is due: turns beyond the limits of the wheels are not compensated later.
     """
     obeyed = obeyed_wheels(threshold_mps, sent)
     missing = (commanded.right_mps - commanded.left_mps) - (obeyed.right_mps - obeyed.left_mps)

@@ -35,15 +35,15 @@ class RolloutSpec:
     """Static settings of a rollout, the same for all vehicles.
 
     Attributes:
-        steps: their number.
-        step_s: of each; the vehicle may turn by up to half a radian in one.
+        steps: number of steps.
+        step_s: length of a step, in which the vehicle may turn by up to half a radian.
         law: pursuit, exact (LL eq. 2) or closed form (LL eq. 3); or, for comparison, Stanley's, which requires the
             anchor at the front axle. Plain pure pursuit is the exact law of a chassis with the anchor at the rear axle,
             k = 0.
-        stanley_gain_ps: of Stanley's law only.
-        delay_slots: steps of the longest delay that a servo has.
-        tolerance_m: of the settling distance.
-        tail_m: last stretch of travel, searched for a limit cycle.
+        stanley_gain_ps: gain of Stanley's law.
+        delay_slots: number of steps of the longest servo delay.
+        tolerance_m: tolerance of the settling distance.
+        tail_m: length of the last stretch of travel, searched for a limit cycle.
     """
 
     steps: int
@@ -64,12 +64,12 @@ class RolloutLane(NamedTuple):
     element.
 
     Attributes:
-        chassis: the true one; its largest angle is not used, that of ``believed`` is.
-        believed: the law's model. Infinite characteristic speed: no feed-forward.
-        servo: turns the wheels.
-        supply_v: at the servo.
-        speed_mps: along the body axis, constant; negative in reverse.
-        look_ahead: over speed.
+        chassis: true chassis; its largest angle is not used, that of ``believed`` is.
+        believed: model of the law. Infinite characteristic speed: no feed-forward.
+        servo: steering servo.
+        supply_v: supply voltage at the servo.
+        speed_mps: constant speed along the body axis; negative in reverse.
+        look_ahead: look-ahead over speed.
     """
 
     chassis: Chassis
@@ -84,10 +84,10 @@ class RolloutState(NamedTuple):
     """State of a vehicle.
 
     Attributes:
-        x_m, y_m: rear axle.
-        cos_yaw, sin_yaw: heading; carried as these, turned by each arc.
-        arc_m: of the foot of the true anchor on the path.
-        advance_m: of the foot in the last step, to predict the next.
+        x_m, y_m: position of the rear axle.
+        cos_yaw, sin_yaw: cosine and sine of the heading, rotated by each arc.
+        arc_m: arc length of the true anchor's foot on the path.
+        advance_m: advance of the foot in the last step, to predict the next.
         servo: wheels and pending commands.
     """
 
@@ -105,9 +105,9 @@ class RolloutTrace(NamedTuple):
 
     Attributes:
         x_m, y_m, yaw_rad: pose of the rear axle.
-        arc_m, offset_m: of the anchor along and from the path, left positive.
-        command_rad, front_rad: of the front wheels, commanded and reached.
-        reachable: the goal was.
+        arc_m, offset_m: position of the anchor along the path, and offset from it, left positive.
+        command_rad, front_rad: commanded and actual angle of the front wheels.
+        reachable: whether the goal was reachable.
     """
 
     x_m: Float[Array, "step ..."]
@@ -132,11 +132,11 @@ def start_rollout(
     """A vehicle at rest near its path, wheels straight.
 
     Args:
-        path: to follow.
-        lane: the vehicle; its true anchor is placed.
-        arc_m: along the path.
-        offset_m: from it, positive to the left.
-        heading_rad: error of heading, from the path's direction to the left.
+        path: path to follow.
+        lane: vehicle, whose true anchor is placed.
+        arc_m: position along the path.
+        offset_m: offset from the path, positive to the left.
+        heading_rad: heading error, from the path's direction to the left.
         delay_slots: as in the spec.
     """
     foot = path_point(path, arc_m)
@@ -159,10 +159,10 @@ class LaneLaw(NamedTuple):
     """The pursuit law of one vehicle.
 
     Attributes:
-        rear: how the rear wheels follow.
-        lead: anchor ahead of the rear axle, in wheelbases.
-        loss: one over the feed-forward yaw gain.
-        largest_rad: of the front wheels.
+        rear: rear ratio, or measured map of the rear wheels.
+        lead: distance of the anchor ahead of the rear axle, in wheelbases.
+        loss: inverse of the feed-forward yaw gain.
+        largest_rad: largest angle of the front wheels.
         slope_straight: dψ/dφ with straight wheels.
         left, right: wheels at the largest angle to either side.
     """
@@ -203,7 +203,7 @@ def steer_lane(law: LaneLaw, ahead: Float[Array, "..."], left: Float[Array, "...
     """Front angle that takes the anchor through a goal.
 
     Args:
-        law: from ``prepare_law``.
+        law: law from ``prepare_law``.
         ahead, left: goal from the anchor in the body frame, in wheelbases.
     """
     half_square = 0.5 * (ahead * ahead + left * left)
@@ -279,10 +279,10 @@ def roll_out(
     Gradients are taken through all steps, each recomputed in the backward pass so that only states are kept.
 
     Args:
-        spec: the same for all vehicles; a new one is compiled anew.
-        path: for all vehicles.
-        lane: one, or many along a leading axis.
-        start: from ``start_rollout``, with the shape of ``lane``.
+        spec: static settings of all vehicles; a new one is compiled separately.
+        path: path of all vehicles.
+        lane: one vehicle, or many along a leading axis.
+        start: state from ``start_rollout``, with the shape of ``lane``.
 
     Returns:
         State after the last step, and metrics over all steps.
@@ -333,11 +333,11 @@ def roll_out_logged(
     speed_mps: Float[Array, "step ..."],
     share: Float[Array, "step ..."],
 ) -> RolloutTrace:
-    """A drive at a speed and a share of the servo's torque that vary as logged, with every step kept.
+    """Roll out with the logged speed and share of the servo's torque, and return every step.
 
     Args:
         spec, path, lane, start: as for ``roll_out``; the lane's speed and supply are not used.
-        speed_mps, share: of every step.
+        speed_mps, share: speed and torque share of every step.
     """
 
     def step(
@@ -472,11 +472,11 @@ def roll_out_many(
     Chunks are spread over all devices that JAX has.
 
     Args:
-        spec: the same for all.
-        path: for all.
-        lane: fields with one value per vehicle, or scalars for all; a measured ψ(φ) is for all.
-        start: one value per vehicle.
-        chunk: vehicles at once; affects the time, not the result. By default what suits the device.
+        spec: static settings of all vehicles.
+        path: path of all vehicles.
+        lane: fields with one value per vehicle, or scalars for all; a measured ψ(φ) is common to all.
+        start: states with one value per vehicle.
+        chunk: number of vehicles at once, which affects the time, not the result; by default suited to the device.
 
     Returns:
         Final states and metrics, NumPy arrays with one value per vehicle.

@@ -29,7 +29,7 @@ class Encoder(NamedTuple):
     """Counts of the servo's encoder.
 
     Attributes:
-        counts_per_rad: of steering angle.
+        counts_per_rad: counts per radian of steering angle.
         zero_counts: reading with straight wheels; different after every start.
     """
 
@@ -54,20 +54,20 @@ class DriveSignals(NamedTuple):
     """Signals of a drive at common times. Signals that a log does not hold are ``None``.
 
     Position and heading are NaN at a record without a measurement of their own: GNSS is slower than the servo, and
-    values drawn between fixes would share their noise.
+    values interpolated between fixes would share their noise.
 
     Attributes:
-        time_s: increasing; steps may be uneven.
-        east_m, north_m: rear axle, level local metres.
-        sigma_position_m: of each of the two, as stated by navigation.
+        time_s: record times, increasing; steps may be uneven.
+        east_m, north_m: position of the rear axle, level local metres.
+        sigma_position_m: standard deviation of each of the two, as stated by navigation.
         yaw_rad: heading of the body by INS, counter-clockwise from east, without jumps of a turn.
-        sigma_yaw_rad: of it.
+        sigma_yaw_rad: standard deviation of the heading.
         travel_m: signed cumulative travel by odometry; falls in reverse.
         command_rad: front angle commanded to the servo.
         front_rad, rear_rad: measured wheel angles, counter-clockwise positive: the rear wheels' is negative in a left
             turn.
-        potentiometer_v: of the absolute wheel angle.
-        encoder_counts: of the servo, counted from wherever it was switched on.
+        potentiometer_v: voltage of the absolute wheel angle's potentiometer.
+        encoder_counts: counts of the servo's encoder since it was switched on.
         supply_v: voltage at the servo.
         throttle, brake: commands, 0 to 1.
     """

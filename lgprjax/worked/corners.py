@@ -1,4 +1,4 @@
-"""Corners of a field as its file has them, in metres of a plan: what became of each, and which one was computed."""
+"""Corners of a field from its file, in metres of a plan: corrections to them, and the one that is computed."""
 
 import math
 from pathlib import Path
@@ -20,15 +20,15 @@ _SAME_FIELD_M = 0.05
 
 
 def field_of_places(places: FieldPlaces, frame: LocalFrame, name: str) -> tuple[Field, list[str], int | None]:
-    """The field, what was done to its corners, and which of them nobody has driven to.
+    """Field from the corners of its file, notes on changes to them, and index of the corner that was not driven to.
 
     Args:
-        places: of the field's file.
-        frame: of the plan.
-        name: of the file, for messages.
+        places: corners and keep-outs of the field's file.
+        frame: local frame of the plan.
+        name: name of the file, for messages.
 
     Raises:
-        InputError: corners that form no field.
+        InputError: the corners form no field.
     """
     corners = _local(places, frame)
     notes = list(places.notes)
@@ -56,18 +56,18 @@ def _local(places: FieldPlaces | KeepOut, frame: LocalFrame) -> Corners:
 
 
 def east_north(ring: Float[np.ndarray, "corner 3"], frame: LocalFrame) -> Corners:
-    """Of latitude, longitude and height."""
+    """East and north of corners given by latitude, longitude and height, m."""
     east, north, _ = frame.to_local(*ring.T)
     return np.stack([east, north], axis=1)
 
 
 def keep_out_of(ring: KeepOut, frame: LocalFrame, buffer_m: float) -> Corners:
-    """A keep-out with its buffer, or the given one where its file states none."""
+    """A keep-out widened by its own buffer, or by ``buffer_m`` if its file states none."""
     return buffered(_local(ring, frame), buffer_m if ring.buffer_m is None else ring.buffer_m)
 
 
 def counter_clockwise(places: FieldPlaces) -> bool:
-    """Whether the corners run so in their file."""
+    """Whether the corners run counter-clockwise in their file."""
     return signed_area_m2(np.stack([places.longitude_deg, places.latitude_deg], axis=1)) > 0.0
 
 
@@ -75,7 +75,7 @@ def check_same_field(field: Field, worked: WorkedRecord, field_file: str | Path)
     """Refuse a record of another field.
 
     Raises:
-        InputError: its perimeter is another one.
+        InputError: the record's perimeter differs from the field's.
     """
     here, there = field.perimeter_m, worked.perimeter_m
     apart_m = math.inf

@@ -1,8 +1,8 @@
-"""What a record says of the work besides cells: task, people, finds, and control points that tell of the base.
+"""Evidence in a record besides cells: task, people, finds, and control points that check the GNSS base.
 
-People write it as TOML; in the record it stands in the provenance. A control point is a mark of known coordinates that
-the machine's own receiver measures before and after a session: what the two differ by is an error that all positions of
-the session share, and no filter on board can see.
+It is written by hand as TOML and stored in the record's provenance. A control point is a mark of known coordinates that
+the machine's own receiver measures before and after a session: the difference is an error that all positions of the
+session share, and that no filter on board can detect.
 """
 
 import math
@@ -20,22 +20,22 @@ from lgprjax.files import load_toml
 from lgprjax.frames import LocalFrame
 
 UNCHECKED_SIGMA_M = 0.05
-"""An axis, of what all positions of a session share, where no control point was measured: a base within 10 cm."""
+"""Standard deviation per axis of a session's shared error without control points: a base within 10 cm."""
 MOUNT_SIGMA_M = 0.01
-"""Of where antenna and tool are mounted, always added to what control points tell."""
+"""Standard deviation of the mounting of antenna and tool, always added to the error from control points."""
 _FAR_M = 5.0
 
 
 class ControlPoint(ConfigTable):
-    """A mark, as known and as measured.
+    """A control point: its known and its measured position.
 
     Attributes:
-        name: of the mark.
-        latitude_deg, longitude_deg: as known.
-        measured_latitude_deg, measured_longitude_deg: by the machine's receiver, from the same base.
-        when: before or after the session.
-        run: folder of the session; without one it is for all.
-        sigma_m: of the measurement, an axis.
+        name: name of the mark.
+        latitude_deg, longitude_deg: known position.
+        measured_latitude_deg, measured_longitude_deg: position by the machine's receiver, from the same base.
+        when: whether it was measured before or after the session.
+        run: folder of the session; ``None``: all sessions.
+        sigma_m: standard deviation of the measurement, per axis.
     """
 
     name: str = Field(min_length=1)
@@ -49,13 +49,13 @@ class ControlPoint(ConfigTable):
 
 
 class Find(ConfigTable):
-    """Something found, or a detonation.
+    """A find, or a detonation.
 
     Attributes:
         kind: find or detonation.
-        time_utc: ISO 8601, of UTC.
-        latitude_deg, longitude_deg: where.
-        note: in words.
+        time_utc: time in UTC, ISO 8601.
+        latitude_deg, longitude_deg: position.
+        note: free text.
     """
 
     kind: Literal["find", "detonation"]
@@ -74,7 +74,7 @@ class Find(ConfigTable):
 
     @property
     def utc(self) -> str:
-        """The time with its zone: none stated is UTC."""
+        """The time with its zone; UTC if none is stated."""
         time = datetime.fromisoformat(self.time_utc)
         return (time if time.tzinfo is not None else time.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
 
@@ -83,8 +83,10 @@ class Evidence(ConfigTable):
     """A file of evidence.
 
     Attributes:
-        task, hazard_area: their numbers or names; machine: its identity; operator: who worked.
-        control_point, find: tables, as many as there are.
+        task, hazard_area: numbers or names of the task and of the hazard area.
+        machine: identity of the machine.
+        operator: name of the operator.
+        control_point, find: control points, and finds or detonations.
     """
 
     task: str = ""
@@ -96,13 +98,14 @@ class Evidence(ConfigTable):
 
 
 class SharedError(NamedTuple):
-    """What all positions of a session share.
+    """Error shared by all positions of a session.
 
     Attributes:
-        sigma_m: an axis, added to every covariance.
-        east_m, north_m: mean of measured less known; NaN without control points. It is not corrected.
-        points: how many measurements there are; before, after: whether any was then.
-        change_m: between before and after; NaN without both.
+        sigma_m: standard deviation per axis, added to every covariance.
+        east_m, north_m: mean of measured minus known position; NaN without control points. It is not corrected.
+        points: number of measurements.
+        before, after: whether a point was measured before, and after the session.
+        change_m: change from before to after; NaN unless both were measured.
     """
 
     sigma_m: float
@@ -115,7 +118,7 @@ class SharedError(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """In words."""
+        """The error as a sentence."""
         if not self.points:
             return f"no control point was measured: sigma grows by an assumed {100.0 * self.sigma_m:.1f} cm per axis"
         east_cm, north_cm = (round(100.0 * each, 1) + 0.0 for each in (self.east_m, self.north_m))
@@ -128,7 +131,7 @@ class SharedError(NamedTuple):
 
 
 def read_evidence(path: str | Path) -> Evidence:
-    """A file of evidence.
+    """Read a file of evidence.
 
     Raises:
         InputError: missing, not TOML, a key or a value that is not as expected, or a control point measured far away.
@@ -144,15 +147,14 @@ def read_evidence(path: str | Path) -> Evidence:
 
 
 def shared_error(points: Sequence[ControlPoint], run: str | None = None) -> SharedError:
-    """What control points say of a session.
+    """Shared error of a session, estimated from control points.
 
-    The mean residual is an error that is known of and not corrected, for who knows whether the mark or the base is
-    wrong: it counts in full, as one sigma. The change from before to after counts as well, and so does what the
-    measurements themselves are worth. A session without a point both before and after is not surer than one that was
-    not checked.
+    The mean residual is not corrected, because the mark or the base may be wrong: it counts in full, as one sigma. The
+    change from before to after counts as well, and so does the uncertainty of the measurements. Without a point both
+    before and after, sigma is at least that of an unchecked session.
 
     Args:
-        points: of the evidence.
+        points: control points of the evidence.
         run: folder of the session; points of other sessions are left out.
     """
     own = [each for each in points if each.run is None or each.run == run]
@@ -175,7 +177,7 @@ def shared_error(points: Sequence[ControlPoint], run: str | None = None) -> Shar
 
 
 def evidence_json(held: Evidence, runs: Sequence[str]) -> dict[str, Any]:
-    """For the provenance of a record."""
+    """Evidence as JSON for the provenance of a record."""
     told = held.model_dump(mode="json")
     told["find"] = [{**each.model_dump(mode="json"), "time_utc": each.utc} for each in held.find]
     errors = {run: shared_error(held.control_point, run) for run in runs}
@@ -186,7 +188,7 @@ def evidence_json(held: Evidence, runs: Sequence[str]) -> dict[str, Any]:
 
 
 def shared_error_lines(evidence: dict[str, Any]) -> list[tuple[str, str]]:
-    """What is said of the base, for whom and in words, of the evidence as the record has it; what is the same once."""
+    """Label and sentence on the GNSS base for each run of a record's evidence; one line if all runs agree."""
     told = {run: str(each["sentence"]) for run, each in evidence.get("shared_error", {}).items()}
     if len(told) > 1 and len(set(told.values())) == 1:
         return [("base, every run", next(iter(told.values())))]
@@ -194,12 +196,12 @@ def shared_error_lines(evidence: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _residual_m(point: ControlPoint) -> tuple[float, float]:
-    """Measured less known, east and north."""
+    """Measured minus known position, east and north, m."""
     return residual_of(point.model_dump())
 
 
 def residual_of(point: dict[str, Any]) -> tuple[float, float]:
-    """Measured less known, east and north, of a control point as the record has it."""
+    """Measured minus known position, east and north, m, of a control point of a record."""
     frame = LocalFrame(float(point["latitude_deg"]), float(point["longitude_deg"]), 0.0)
     latitude, longitude = (np.array([float(point[f"measured_{name}_deg"])]) for name in ("latitude", "longitude"))
     east, north, _ = frame.to_local(latitude, longitude, np.zeros(1))

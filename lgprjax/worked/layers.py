@@ -24,13 +24,13 @@ _NO_AREA_M2 = 1e-9
 
 
 def evidence_of(record: WorkedRecord) -> dict[str, Any]:
-    """What was told with the record; nothing of an older one."""
+    """Evidence in the provenance of a record; empty for older records."""
     told = record.provenance.get("evidence", {})
     return told if isinstance(told, dict) else {}
 
 
 def told_of_work(record: WorkedRecord) -> dict[str, str]:
-    """Task, hazard area, machine and operator, as far as they were told."""
+    """Task, hazard area, machine and operator, as far as they are known."""
     told = evidence_of(record)
     return {name: str(told[name]) for name in ("task", "hazard_area", "machine", "operator") if told.get(name)}
 
@@ -40,7 +40,7 @@ _BY_HAND = "by hand or remote control"
 
 
 def driver_of_pass(record: WorkedRecord, number: int) -> str:
-    """Who drove a pass: its moments are all of one mode."""
+    """Driver of a pass; all its moments have one mode."""
     channels, passes = record.channels, record.passes
     of_run = channels.run == passes.run[number]
     near = np.flatnonzero(of_run)[int(np.argmin(np.abs(channels.time_s[of_run] - passes.begin_s[number])))]
@@ -48,7 +48,7 @@ def driver_of_pass(record: WorkedRecord, number: int) -> str:
 
 
 def way_by_driver(record: WorkedRecord) -> dict[str, float]:
-    """Length of the passes by who drove them."""
+    """Total length of the passes of each driver, m."""
     found: dict[str, float] = {}
     for number, length_m in enumerate(record.passes.length_m):
         words = driver_of_pass(record, number)
@@ -57,12 +57,12 @@ def way_by_driver(record: WorkedRecord) -> dict[str, float]:
 
 
 def tool_measured(record: WorkedRecord) -> bool:
-    """Whether it was measured in all runs that the tool worked."""
+    """Whether the operation of the tool was measured in all runs."""
     return all("tool" not in run for run in record.provenance["runs"])
 
 
 def method_of(record: WorkedRecord) -> str:
-    """How the ground was worked and recorded, in words."""
+    """Description of how the ground was worked and recorded."""
     carts = ["tool" in run for run in record.provenance["runs"]]
     return "; ".join([*([METHOD] if not all(carts) else []), *([_CART] if any(carts) else [])])
 
@@ -73,10 +73,10 @@ def layer_name(level: float) -> str:
 
 
 def checked_levels(confidence: Sequence[float]) -> tuple[float, ...]:
-    """Levels of confidence for the layers of a record, rising.
+    """Levels of confidence for the layers of a record, in rising order.
 
     Raises:
-        ArgumentError: none, one that nothing can be said at, or two whose layers would have the same name.
+        ArgumentError: there is no level, one is out of range, or two would give layers of the same name.
     """
     levels = tuple(sorted(confidence))
     names = {layer_name(level) for level in levels}
@@ -88,11 +88,11 @@ def checked_levels(confidence: Sequence[float]) -> tuple[float, ...]:
 
 
 def at_levels(record: WorkedRecord, levels: Sequence[float]) -> WorkedRecord:
-    """The same record judged at other levels: its cells keep their probabilities, so any level can be asked of it.
+    """The record with its cells classified at other levels; cells keep their probabilities, so any level is possible.
 
     Args:
-        record: to judge.
-        levels: as ``checked_levels`` gives them.
+        record: record to classify.
+        levels: levels from ``checked_levels``.
     """
     cells = record.cells
     states = [cell_states(cells.probability / FULL, level) for level in levels]
@@ -106,8 +106,8 @@ def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...
     other ground. Gaps are the field minus the processed ground of the lowest level, one shape per area.
 
     Args:
-        record: to export.
-        organisation: that is responsible, stored with every shape.
+        record: record to export.
+        organisation: responsible organisation, stored with every shape.
     """
     field = shapely.Polygon(record.perimeter_m)
     shapely.prepare(field)
@@ -125,20 +125,20 @@ def cover_layers(record: WorkedRecord, organisation: str) -> tuple[GeoLayer, ...
 
 
 def cells_union(record: WorkedRecord, chosen: Bool[np.ndarray, "north east"]) -> Any:
-    """The ground of chosen cells as one shape, exact: its corners are corners of cells.
+    """The area of chosen cells as one exact shape, with corners at corners of cells.
 
     Args:
-        record: whose cells they are.
-        chosen: which of them.
+        record: record with the cells.
+        chosen: mask of the chosen cells.
     """
     cells = record.cells
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(_edges(chosen))))
-    # Holes come as faces too: the cell at a point inside a face tells whether it is ground.
+    # Holes are faces too: a face is ground if the cell at a point inside it is chosen.
     inner = shapely.point_on_surface(faces)
     column, row = (np.floor(get(inner)).astype(np.int64) for get in (shapely.get_x, shapely.get_y))
     ground = shapely.multipolygons(faces[chosen[row, column]])
     corner = np.array([cells.east_m, cells.north_m])
-    # In whole cells the ground is exact; metres are computed last.
+    # Coordinates in whole cells are exact; they are converted to metres last.
     return shapely.transform(ground, lambda places: corner + cells.cell_m * places)
 
 
@@ -188,7 +188,7 @@ def _swaths(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
 
 
 def _rounded(value: float) -> float | None:
-    """``None`` where nothing was measured, as a cart's depth: JSON knows no NaN."""
+    """The rounded value; ``None`` for unmeasured values such as a cart's depth, because JSON has no NaN."""
     return round(value, 3) if math.isfinite(value) else None
 
 
@@ -237,7 +237,7 @@ def _events(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
 
 
 def _finds(record: WorkedRecord, common: dict[str, Any]) -> GeoLayer:
-    """Finds and detonations, at the places told."""
+    """Finds and detonations at their reported positions."""
     found = evidence_of(record).get("find", [])
     shapes = tuple(shapely.Point(float(each["longitude_deg"]), float(each["latitude_deg"])) for each in found)
     rows = tuple(
@@ -297,15 +297,15 @@ PAC = 0.95
 
 
 class LayerFigures(NamedTuple):
-    """A layer at one level; areas are those of cells whose centre lies inside the perimeter.
+    """Figures of a layer at one level; areas count cells whose centre is inside the perimeter.
 
     Attributes:
         level: least probability of each processed cell.
         processed_m2, uncertain_m2, not_processed_m2: areas.
-        share: processed, of the field.
+        share: processed share of the field.
         mean_miss: mean probability over the processed cells that the best pass missed the cell.
         worked_share: with probability ``PAC`` or more, at least this share of the processed area was worked.
-        measured: whether it was measured in all runs that the tool worked.
+        measured: whether the operation of the tool was measured in all runs.
     """
 
     level: float
@@ -334,13 +334,14 @@ class CoverFigures(NamedTuple):
     """Figures of a record.
 
     Attributes:
-        area_m2: of the field.
-        layers: one a level, rising.
-        passes, way_m: their number, and total length.
-        depth_mean_m, depth_least_m: measured while cells counted; ``None`` where none was.
-        stops: number by reason.
-        hours: from the first to the last moment.
-        moments: ten a second; fixed: share of them with a fixed GNSS position.
+        area_m2: area of the field.
+        layers: figures per level, in rising order.
+        passes, way_m: number and total length of the passes.
+        depth_mean_m, depth_least_m: mean and least tool depth while cells counted; ``None`` if not measured.
+        stops: number of stops by reason.
+        hours: time from the first to the last moment.
+        moments: number of moments, ten per second.
+        fixed: share of moments with a fixed GNSS position.
     """
 
     area_m2: float
@@ -355,7 +356,7 @@ class CoverFigures(NamedTuple):
     fixed: float
 
     def as_json(self) -> dict[str, object]:
-        """For programs."""
+        """The figures as JSON."""
         layers = [{**layer._asdict(), "sentence": layer.sentence} for layer in self.layers]
         return {**self._asdict(), "layers": layers, "pac": PAC}
 
@@ -392,7 +393,7 @@ def grid_of(record: WorkedRecord) -> CellGrid:
 
 
 def inside_of(record: WorkedRecord) -> Bool[np.ndarray, "north east"]:
-    """Cells whose centre lies inside the perimeter."""
+    """Mask of cells whose centre is inside the perimeter."""
     return inside_cells(Field(record.perimeter_m), grid_of(record))
 
 

@@ -43,10 +43,10 @@ from lgprjax.frames import LocalFrame
 from lgprjax.worked.corners import check_same_field, counter_clockwise, east_north, field_of_places, keep_out_of
 from lgprjax.worked.predicted import predicted_width
 
-# Turning room used when none is given: more than any field needs.
+# Turning room if none is given: more than any field needs.
 _ANY_ROOM_M = 1000.0
 SPARE_M = 0.8
-"""Room of the fence beyond what a plan without declared ground needs; ``[coverage] spare_m`` of a run."""
+"""Distance of the fence from the ground that a plan without declared ground needs; ``[coverage] spare_m`` of a run."""
 
 
 _BEGINS_WITHIN = "the first swath starts inside the field: bring the vehicle there"
@@ -59,20 +59,19 @@ class PlanOptions(NamedTuple):
 
     Attributes:
         overlap: least share of the tool's width in which neighbouring swaths overlap.
-        order: of the swaths; ``best``: the one of all that takes the least time.
+        order: order of the swaths; ``best``: the order that takes the least time.
         turning_room_m: distance that the vehicle may go beyond the perimeter; ``None``: as far as the turns need.
-        heading_deg: of the first swath, clockwise from true north; ``None``: along the first side.
-        sides: what is outside of sides, such as ``2:none``, ``3-5:4.5`` or ``rest:6``: metres of ground that is safe to
-            drive on, or none. Sides are counted from 1, from the file's first corner to its second. With any, the way
-            keeps to the ground so declared.
-        keep_out_buffer_m: around keep-outs whose file states none.
-        clearance_m: between vehicle or tool and the border of ground that is declared.
-        speed_mps: set on straight ways, for times.
-        confidence: that every place is to reach with one pass: overlap, and swaths beyond the border where the ground
-            outside allows, follow from it; ``None``: ``overlap`` as it is, and swaths flush with the border.
-        drop_out_s: with ``confidence``, longest time without GNSS that is to be borne.
-        least_width_m: of a plan for gaps, narrower places are not planned.
-        polygon: name or number of the polygon that is the field, of a file with several.
+        heading_deg: heading of the first swath, clockwise from true north; ``None``: along the first side.
+        sides: safe ground outside the sides, m, such as ``2:none``, ``3-5:4.5`` or ``rest:6``. Side 1 runs from the
+            file's first corner to its second. If any is given, the way keeps to the declared ground.
+        keep_out_buffer_m: buffer around keep-outs whose file states none.
+        clearance_m: distance of vehicle and tool from the border of declared ground.
+        speed_mps: speed on straight ways, for times.
+        confidence: confidence that one pass reaches every place; it sets the overlap, and swaths beyond the border
+            where the ground outside allows. ``None``: ``overlap`` as given, and swaths flush with the border.
+        drop_out_s: with ``confidence``, longest GNSS outage to allow for.
+        least_width_m: in a plan for gaps, width below which a gap is not planned.
+        polygon: name or number of the field's polygon, in a file with several.
     """
 
     overlap: float = 0.2
@@ -90,14 +89,15 @@ class PlanOptions(NamedTuple):
 
 
 class OrderCost(NamedTuple):
-    """What an order of the swaths costs.
+    """Cost of an order of the swaths.
 
     Attributes:
-        order: of the swaths; heading_deg: of them, clockwise from true north.
+        order: order of the swaths.
+        heading_deg: heading of the swaths, clockwise from true north.
         swath_m, way_m: length of the swaths, and of the whole way.
-        time_s: at the set speed, and at what bends and cusps leave of it.
-        ground_m: how far vehicle and tool reach beyond the perimeter.
-        refused: why there is no such plan; empty where there is.
+        time_s: driving time at the set speed, reduced in bends and at cusps.
+        ground_m: largest distance of vehicle and tool beyond the perimeter.
+        refused: reason why there is no such plan; empty if there is one.
     """
 
     order: str
@@ -110,14 +110,14 @@ class OrderCost(NamedTuple):
 
 
 class FieldPlan(NamedTuple):
-    """A plan, and what its maker must be told.
+    """A plan of a field with notes, costs and the ground that it needs.
 
     Attributes:
-        plan: of the field.
-        notes: what was changed of the corners, and what could not be reached, a sentence each.
-        costs: of the orders that were tried, the chosen one first.
-        ground_m: how far the ground that must be safe to drive on reaches beyond the perimeter: the fence on board.
-        ground: that ground.
+        plan: plan of the field.
+        notes: changes of the corners and unreachable places, one sentence each.
+        costs: costs of the orders tried, the chosen one first.
+        ground_m: largest distance beyond the perimeter of the ground that must be safe: the fence on board.
+        ground: ground that must be safe to drive on.
     """
 
     plan: CoverPlan
@@ -128,7 +128,7 @@ class FieldPlan(NamedTuple):
 
 
 def check_plan_options(options: PlanOptions, level: float) -> None:
-    """Refuse what no pattern can have, and a level of gaps that is none. Raises ``ArgumentError``."""
+    """Refuse options out of range for any pattern, and an invalid level of gaps. Raises ``ArgumentError``."""
     if not 0.0 <= options.overlap < 1.0:
         raise ArgumentError("overlap", "a fraction from 0 to below 1", f"{options.overlap:g}")
     if options.turning_room_m is not None and not 0.0 <= options.turning_room_m <= 1000.0:
@@ -186,17 +186,18 @@ def plan_field(
     """The plan of a field for a vehicle.
 
     Args:
-        field_file: see ``read_field``.
-        vehicle_file: of a skid-steer vehicle.
-        options: of the pattern.
-        worked: plan only for the cells that this record leaves below the level; the field must be the same.
+        field_file: path of the field's file, see ``read_field``.
+        vehicle_file: path of the file of a skid-steer vehicle.
+        options: options of the pattern.
+        worked: record of the same field; the plan covers only its cells below ``level``.
         level: probability from which a cell is left out.
 
     Returns:
         The plan; ``None`` if the record leaves no gap.
 
     Raises:
-        InputError: an unusable file, corners that form no field, a pattern that does not fit; it names the place.
+        InputError: a file is unusable, the corners form no field, or the pattern does not fit; the message names the
+            place.
     """
     places, vehicle = read_field(field_file, polygon=options.polygon), read_vehicle(vehicle_file)
     tool, outline = tool_of(vehicle, vehicle_file), outline_of_vehicle(vehicle, vehicle_file)
@@ -289,7 +290,7 @@ _Made = tuple[Pattern, SafeGround | None, list[OrderCost], list[str]]
 
 
 class _Maker:
-    """Plans one field by the orders asked for."""
+    """Plans one field in the requested orders."""
 
     def __init__(
         self,
@@ -312,7 +313,7 @@ class _Maker:
 
     @property
     def _bound(self) -> bool:
-        """Whether the ground was told, side by side or by a plan: then it is no less and no more than that."""
+        """Whether the ground is declared, by sides or by a plan; then it is exactly the declared ground."""
         return bool(self._options.sides) or self._held.carried is not None
 
     @property
@@ -321,7 +322,7 @@ class _Maker:
         return tuple(self._rooms) if self._options.sides else ()
 
     def _with_border(self) -> Field:
-        """The field, wider by what the confidence asks for at its border, where the ground is safe."""
+        """The field, widened where the ground is safe by the border that the confidence requires."""
         held = self._held
         if held.border_m <= 0.0:
             return held.field
@@ -336,7 +337,7 @@ class _Maker:
         ring = np.asarray(shapely.simplify(largest, 1e-4).exterior.coords)[:-1]
         if not largest.exterior.is_ccw:
             ring = ring[::-1]
-        # Lines run along the first side: the side nearest to it comes first.
+        # Lines run along the first side, so the side nearest to it comes first.
         first = 0.5 * (held.field.perimeter_m[0] + held.field.perimeter_m[1])
         sides = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
         nearest = int(np.argmin(shapely.distance(sides, shapely.Point(first))))
@@ -348,7 +349,7 @@ class _Maker:
             return [_reach_m(held.carried, held.field)] * len(held.field.perimeter_m)
         settings = self._settings_for("free", 0.0, None)
         outline = held.outline
-        # A bulb between adjacent swaths, with the tool out of the field before; what is not used is given back.
+        # Room for a bulb turn between adjacent swaths, with the tool out of the field; unused room is removed later.
         radius_m = settings.smallest_radius_m
         corner_m = math.hypot(radius_m + max(outline.left_m, -outline.right_m), max(outline.front_m, -outline.rear_m))
         usual_m = max(settings.tool_ahead_m, 0.0) + math.sqrt(3.0) * radius_m + corner_m + options.clearance_m
@@ -358,7 +359,7 @@ class _Maker:
         given = rooms_of_sides(options.sides, count, default_m)
         if given is None:
             return [default_m] * count
-        # A ring that was turned round keeps its first side and has the others in reverse order.
+        # A reversed ring keeps its first side and has the others in reverse order.
         return given if counter_clockwise(places) else [given[0], *given[:0:-1]]
 
     def gaps(self, worked: WorkedRecord, level: float) -> _Made | None:
@@ -412,7 +413,7 @@ class _Maker:
         good = [each for each in tried if each[0] is not None]
         if not good:
             raise next(each[3] for each in tried if each[3] is not None)
-        # What leaves ground unworked is no cheaper for it.
+        # Only patterns that work the most ground compete on cost.
         most = max(each[4] for each in good)
         good.sort(key=lambda each: (each[4] < most - 0.005, each[2].time_s))
         pattern, ground, cost, _, _, notes = good[0]
@@ -421,7 +422,7 @@ class _Maker:
         return pattern, ground, [cost, *others], notes
 
     def _headings(self, order: Order) -> list[float | None]:
-        """Of the first side; with ``best`` those of the longest sides as well. Free order finds its own."""
+        """Headings to try: the first side's; for ``best`` those of up to three long sides; free order finds its own."""
         if self._heading is not None or order == "free" or self._options.order != "best":
             return [self._heading]
         perimeter_m = self._held.field.perimeter_m
@@ -470,7 +471,7 @@ class _Maker:
                 assert laid is not None
                 pattern, share, notes = laid, 1.0, []
             pattern = replace(pattern, field=held.field)
-            # Without sides the fence is laid around whatever an order needs.
+            # Without declared sides the fence is laid around the ground that an order needs.
             ground = self._ground if self._bound or held.keep_outs_m or order == "free" else None
             if ground is not None:
                 check_drivable(pattern, ground, held.outline, name=held.file)
@@ -498,7 +499,7 @@ class _Maker:
         return float(frame.heading_of_yaw(np.array([heading_rad]), np.array([frame.longitude_deg]))[0])
 
     def _smaller(self, pattern: Pattern, ground: SafeGround) -> SafeGround:
-        """The ground without what the way does not need: no more has to be safe than is used."""
+        """The ground reduced to the part that the way uses, so that no other ground has to be safe."""
         held, options = self._held, self._options
         if self._bound:
             return ground
@@ -509,13 +510,13 @@ class _Maker:
 
 
 def _reach_m(ground: SafeGround, field: Field) -> float:
-    """How far ground reaches beyond a field."""
+    """Largest distance of ground beyond a field, m."""
     corners = shapely.points(shapely.get_coordinates(ground.shape))
     return float(shapely.distance(shapely.Polygon(field.perimeter_m), corners).max())
 
 
 def degrees_of(pattern: Pattern, frame: LocalFrame) -> float:
-    """Compass heading of the longest swath."""
+    """Compass heading of the longest swath, degrees."""
     longest = max(pattern.lines, key=lambda line: line.length_m)
     along = longest.end_m - longest.start_m
     yaw = np.array([math.atan2(along[1], along[0])])
@@ -534,7 +535,7 @@ def rooms_of_sides(sides: Sequence[str], count: int, default_m: float) -> list[f
     """Room outside each side, metres, from texts such as ``2:none``, ``3-5:4.5`` and ``rest:6``.
 
     Raises:
-        ArgumentError: a text of another form, or a side that there is not.
+        ArgumentError: a text has another form, or names a side that does not exist.
     """
     if not sides:
         return None
@@ -572,7 +573,7 @@ def _lay_within(
     field: Field,
     room_m: float | None,
 ) -> Pattern | None:
-    """The pattern within a turning room; without one, within the room that its turns need."""
+    """The pattern within a turning room; without a given room, within the room that its turns need."""
     if room_m is not None:
         return lay(settings_for(room_m))
     pattern = lay(settings_for(_ANY_ROOM_M))

@@ -1,4 +1,4 @@
-"""How surely a vehicle will know where its tool is: the overlap and the border that a confidence asks for."""
+"""Predicted uncertainty of the tool's position, and the overlap and border that a confidence requires."""
 
 import math
 from statistics import NormalDist
@@ -29,17 +29,17 @@ _SETTLED_S = 120.0
 _LONGEST_OFF_S = 180.0
 _GNSS_SIGMA_M = 0.02
 TRACKING_M = 0.05
-"""How far the tool is taken to be from its line: an assumption. In closed loop the made-up flail kept 2 cm RMS, and
-11 cm at most where its ways are short and in reverse."""
+"""Assumed distance of the tool from its line. In closed loop the simulated flail kept 2 cm RMS, and 11 cm at most on
+short ways in reverse."""
 
 
 class PredictedWidth(NamedTuple):
-    """What a pass will be worth.
+    """Predicted useful width of a pass.
 
     Attributes:
-        sigma_m: of the tool, across its line, at its worst.
-        overlap: least share of the tool's width that neighbouring swaths must overlap by.
-        border_m: how far outside of the border the tool's edge must pass.
+        sigma_m: largest standard deviation of the tool across its line.
+        overlap: least overlap of neighbouring swaths, as a share of the tool's width.
+        border_m: least distance of the tool's edge outside the border.
     """
 
     sigma_m: float
@@ -56,21 +56,21 @@ def predicted_width(
     speed_mps: float,
     shared_sigma_m: float = UNCHECKED_SIGMA_M,
 ) -> PredictedWidth:
-    """Overlap and border by the covariance of the filter that runs on board.
+    """Overlap and border from the covariance of the onboard filter.
 
     A place at offset e from the middle of the tool's pass counts where Φ((h − e)/σ) − Φ((−h − e)/σ) ≥ p: for a half
-    width h well above σ, |e| ≤ h − z σ. From that the tracking error is taken as well.
+    width h well above σ, |e| ≤ h − z σ. The tracking error is subtracted as well.
 
     Args:
-        model: of vehicle and sensors.
-        tool: that works.
-        confidence: p, above 0.5 and below 1.
-        drop_out_s: longest time without GNSS that is to be borne.
-        speed_mps: while working.
-        shared_sigma_m: an axis, of what all positions share; the record adds it as well.
+        model: model of vehicle and sensors.
+        tool: tool of the vehicle.
+        confidence: probability p, above 0.5 and below 1.
+        drop_out_s: longest GNSS outage to allow for.
+        speed_mps: working speed.
+        shared_sigma_m: standard deviation per axis of the error shared by all positions; the record adds it as well.
 
     Raises:
-        ArgumentError: a number out of its range, or errors that leave nothing of the tool's width.
+        ArgumentError: a number is out of range, or the errors leave nothing of the tool's width.
     """
     if not 0.5 < confidence < 1.0:
         raise ArgumentError("confidence", "above 0.5 and below 1", f"{confidence:g}")
@@ -91,7 +91,7 @@ def _sigma_m(model: SkidModel, tool: Tool, drop_out_s: float, speed_mps: float) 
     across = np.asarray(_variances(model, jnp.float32(speed_mps), jnp.int32(settled), steps), np.float64)
     ahead = tool.ahead_m
     variance = across[:, 0] + 2.0 * ahead * across[:, 1] + ahead * ahead * across[:, 2]
-    # Between two fixes it grows as well.
+    # Sigma grows between two fixes as well.
     return float(np.sqrt(variance[settled - round(1.0 / _STEP_S) : settled + off + 1].max()))
 
 

@@ -57,18 +57,18 @@ class RunEvent(NamedTuple):
 
 
 class CoverRun(NamedTuple):
-    """A run as input of a record of coverage.
+    """A run as input of a coverage record.
 
     Attributes:
-        name: of its folder.
-        utc_ns: of each moment, by the computer on board, strictly rising.
-        rows: ``cover`` payloads, one a moment.
+        name: name of the run's folder.
+        utc_ns: UTC of each moment by the onboard computer, strictly rising, ns.
+        rows: ``cover`` payloads, one per moment.
         events: events of the programs, in order.
-        provenance: UUID, whether it is complete, and each segment's SHA-256.
-        plan_sha256: of the plan that it was driven by; ``None`` if unknown.
-        folder: of the run.
-        machine: that drove it; ``None`` if unknown.
-        without_plan: of a run without a plan; ``None`` of any other.
+        provenance: UUID, completeness, and SHA-256 of each segment.
+        plan_sha256: SHA-256 of the plan driven; ``None`` if unknown.
+        folder: folder of the run.
+        machine: identity of the machine; ``None`` if unknown.
+        without_plan: frame and tool of a run without a plan; ``None`` for other runs.
     """
 
     name: str
@@ -83,11 +83,11 @@ class CoverRun(NamedTuple):
 
 
 class PlanlessRun(NamedTuple):
-    """What a run without a plan states itself.
+    """Frame, tool and vehicle stated by a run without a plan.
 
     Attributes:
-        frame: of its positions.
-        tool: that worked.
+        frame: local frame of the run's positions.
+        tool: tool that worked.
         vehicle: name and SHA-256 of the vehicle file.
     """
 
@@ -97,17 +97,17 @@ class PlanlessRun(NamedTuple):
 
 
 NOT_MEASURED = "not measured"
-"""Provenance of a run in which nobody measured whether the tool worked."""
+"""Provenance of a run in which the operation of the tool was not measured."""
 
 
 def read_cover_run(folder: str | Path) -> CoverRun:
-    """Read a run; damaged or lost data are left out, and its provenance says so.
+    """Read a run; damaged or lost data are left out, as its provenance states.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
 
     Raises:
-        InputError: there is no run, no clock, or no moment of coverage in it.
+        InputError: the folder holds no run, no clock, or no moment of coverage.
     """
     reading = read_run(folder)
     clock = reading.clock
@@ -168,7 +168,7 @@ def _line(payload: bytes) -> str:
 
 
 def _object(payload: bytes) -> dict[str, Any]:
-    """A JSON object; empty if it is none."""
+    """The payload's JSON object; empty if it holds none."""
     try:
         found = json.loads(payload)
     except ValueError:
@@ -181,7 +181,7 @@ def _text(stated: object) -> str | None:
 
 
 def _planless(folder: Path, header: dict[str, Any], anchor: Any) -> PlanlessRun:
-    """What the header and the events of a run without a plan state.
+    """Frame, tool and vehicle from the header and the events of a run without a plan.
 
     Raises:
         InputError: the frame of its positions is missing, or the tool is damaged.
@@ -200,7 +200,7 @@ def _planless(folder: Path, header: dict[str, Any], anchor: Any) -> PlanlessRun:
 
 
 def _in_frame(run: CoverRun, frame: LocalFrame) -> CoverRun:
-    """A run with its positions in another frame; one by a plan is in the plan's already."""
+    """A run with its positions in another frame; a run with a plan is already in the plan's frame."""
     if run.without_plan is None or run.without_plan.frame == frame:
         return run
     own, rows = run.without_plan.frame, run.rows.copy()
@@ -213,17 +213,17 @@ def _in_frame(run: CoverRun, frame: LocalFrame) -> CoverRun:
 # Passes, tracks of the tool and stops of recorded runs: stretches of consecutive moments.
 
 _POINT_M = 0.2
-# Stops separated by less than this time are one.
+# Stops separated by less than this time, s, are one.
 _SAME_STOP_S = 1.0
 
 
 def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[CoverPasses, CoverSwaths]:
-    """Stretches of one swath over which cells counted, and the track of the tool's centre on each.
+    """Passes, which are stretches of one swath over which cells counted, and the tool centre's track on each.
 
     Args:
-        runs: in order.
-        tool: that worked.
-        t0_ns: UTC origin of times.
+        runs: runs in order.
+        tool: tool that worked.
+        t0_ns: UTC origin of times, ns.
     """
     found: list[tuple[float, ...]] = []
     points: list[Float[np.ndarray, "point 3"]] = [np.zeros((0, 3))]
@@ -252,13 +252,13 @@ def passes_of_runs(runs: Sequence[CoverRun], tool: Tool, t0_ns: int) -> tuple[Co
 
 
 def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
-    """Stretches of time with a reason to stop; those less than a second apart are one.
+    """Stretches of time with a reason to stop; stretches less than a second apart are merged.
 
-    What ends before anything was engaged or worked in a run stopped nothing: until the vehicle has been driven to its
-    start its heading is not known.
+    A stretch that ends before anything was engaged or worked in a run is left out, because the heading is unknown until
+    the vehicle has been driven to its start.
 
     Args:
-        runs: in order.
+        runs: runs in order.
         t0_ns: UTC origin of times.
     """
     found: list[tuple[float, ...]] = []
@@ -284,7 +284,7 @@ def stops_of_runs(runs: Sequence[CoverRun], t0_ns: int) -> CoverStops:
 
 
 def _holes(run: CoverRun) -> Int[np.ndarray, " hole"]:
-    """Moments before which the recording has a hole."""
+    """Indices of moments that follow a gap of the recording."""
     return np.flatnonzero(np.diff(run.utc_ns) > LONGEST_COVER_STEP_NS) + 1
 
 
@@ -324,17 +324,17 @@ def record_cover(
     Cells beyond the perimeter are kept for one tool width, so that work there is visible.
 
     Args:
-        plans: of the field; the first defines it, others are for its gaps. All have the same tool. Without any the
-            perimeter is the convex outline of the tool's passes.
-        runs: over it, each by one of the plans or without a plan.
+        plans: plans of the field; the first defines it, others are for its gaps. All have the same tool. Without a plan
+            the perimeter is the convex outline of the tool's passes.
+        runs: runs over the field, each by one of the plans or without a plan.
         cell_m: side of a cell.
-        levels: of confidence that cells are judged at, rising.
+        levels: levels of confidence at which cells are classified, in rising order.
         evidence: task, people, finds and control points.
-        progress: called with the number of moments done, now and then.
+        progress: function called with the number of moments done, at intervals.
 
     Raises:
-        InputError: a control point of a run that is not among them, no run, the same run twice, one by another plan,
-            plans of different fields or tools, or cells too small for the field.
+        InputError: a control point names an unknown run, there is no run, a run is given twice or was driven by another
+            plan, the plans are of different fields or tools, or the cells are too small for the field.
     """
     ordered = sorted(runs, key=lambda run: int(run.utc_ns[0]))
     _check_runs(plans, ordered)
@@ -405,7 +405,7 @@ def whole_down(probability: Float[np.ndarray, "north east"]) -> UInt16[np.ndarra
 
 
 def moments_of_run(run: CoverRun) -> tuple[np.ndarray, ...]:
-    """Fields of ``ToolMoment`` over a run, on the host; a gap of the recording gets a moment that does not count."""
+    """Fields of ``ToolMoment`` over a run, on the host; a gap of the recording gets a non-counting moment."""
     rows = run.rows
     holes = _holes(run)
     on = np.insert((rows["tool"] & ToolBits.COUNTS) != 0, holes, False)
@@ -426,7 +426,7 @@ def probability_of_run(
     progress: Callable[[int], None] | None,
     shared_sigma_m: float,
 ) -> Float[np.ndarray, "north east"]:
-    """The worked map of one run, by the step that keeps it on board."""
+    """The worked map of one run, computed by the step that keeps the map on board."""
     shared = jnp.float32(shared_sigma_m)
     moments = moments_of_run(run)
     count, state = len(moments[-1]), init_worked(grid)
@@ -435,7 +435,7 @@ def probability_of_run(
     for start in range(0, count, _BLOCK):
         block = [each[start : start + _BLOCK] for each in moments]
         short = _BLOCK - len(block[0])
-        # Padded with moments that do not count: one compiled size serves every run.
+        # Padded with non-counting moments, so that one compiled size serves every run.
         full = [np.concatenate([each, np.repeat(each[-1:], short, axis=0)]) for each in block]
         full[-1] &= np.arange(_BLOCK) < _BLOCK - short
         state = run_worked(grid, tool, state, ToolMoment(*(jnp.asarray(each) for each in full)), shared)
@@ -446,7 +446,7 @@ def probability_of_run(
 
 
 class _Ground(NamedTuple):
-    """What a record is about."""
+    """Field, frame, tool and vehicle of a record."""
 
     name: str
     frame: LocalFrame
@@ -456,15 +456,15 @@ class _Ground(NamedTuple):
 
 
 def told_of_plan(plan: PlanFile) -> dict[str, str]:
-    """File and SHA-256, for the provenance."""
+    """File name and SHA-256 of a plan, for the provenance."""
     return {"file": plan.path.name, "sha256": plan.sha256}
 
 
 def _ground_of_runs(runs: Sequence[CoverRun]) -> _Ground:
-    """The convex outline of the passes of runs without a plan, in the frame of the first.
+    """Ground of runs without a plan: the convex outline of their passes, in the frame of the first run.
 
     Raises:
-        InputError: nothing counted in any run.
+        InputError: no moment of any run counted.
     """
     first = runs[0].without_plan
     assert first is not None
@@ -479,13 +479,13 @@ def _ground_of_runs(runs: Sequence[CoverRun]) -> _Ground:
     outline = shapely.MultiPoint(places[np.isfinite(places).all(axis=1)]).convex_hull.simplify(_OUTLINE_M)
     if outline.geom_type != "Polygon":
         raise InputError(runs[0].name, "cover", "moments at which the tool worked, with a known heading", "none")
-    # A centimetre more: what the simplification cut off.
+    # A centimetre more, for what the simplification cut off.
     ring = np.asarray(outline.buffer(_OUTLINE_M, join_style="mitre").exterior.coords)[:-1]
     return _Ground("no plan", first.frame, field_of_polygon(ring, name=runs[0].name), tool, first.vehicle)
 
 
 def _check_plans(plans: Sequence[PlanFile]) -> None:
-    """Cells of two plans coincide only with the same anchor."""
+    """Refuse plans with different anchors, whose cells do not coincide."""
     first = plans[0].plan
     for path, _, plan in plans[1:]:
         if plan.frame != first.frame or plan.tool != first.tool:
@@ -532,7 +532,7 @@ def _events(runs: Sequence[CoverRun], t0_ns: int) -> CoverEvents:
         if not run.events:
             continue
         utc_ns = np.array([event.utc_ns for event in run.events], np.int64)
-        # The newest earlier moment; before the first one nothing was known.
+        # The newest earlier moment; before the first one the position is unknown.
         before = np.searchsorted(run.utc_ns, utc_ns, side="right") - 1
         place = np.stack([run.rows["x_m"][before], run.rows["y_m"][before]], axis=1)
         time_s.append(_seconds(utc_ns, t0_ns))

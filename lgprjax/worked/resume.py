@@ -1,8 +1,8 @@
-"""Work of earlier runs taken up by a new one: after a stop, a power cut, a new day, or beside another machine.
+"""Resumption of work of earlier runs: after a stop, a power cut, on a new day, or together with another machine.
 
-Everything comes from the recordings: the place is that of the last moment that counted, the map is made by the step
-that keeps it on board. A run that took up others itself has them in its own file, so that only its rows are gone
-through again.
+Everything comes from the recordings: the place is that of the last moment that counted, and the map is computed by the
+step that keeps it on board. A run that resumed others stores their map in its own file, so that only its own rows are
+processed again.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,11 +30,11 @@ from lgprjax.worked.plans import PlanFile
 from lgprjax.worked.record import CoverRun, probability_of_run, read_cover_run
 
 TAKEN_UP = "taken_up.npz"
-"""In a run's folder: what it took up."""
+"""File in a run's folder with the work that the run resumed."""
 
 
 def runs_by_plan(folder: Path, plan: PlanFile) -> list[CoverRun]:
-    """Runs in a folder that were driven by a plan, the oldest first; those without any coverage are left out."""
+    """Runs in a folder that were driven by a plan, oldest first, without runs that have no coverage."""
     found = []
     for each in sorted(folder.iterdir()) if folder.is_dir() else []:
         if not each.is_dir() or not segments_of(each):
@@ -49,7 +49,7 @@ def runs_by_plan(folder: Path, plan: PlanFile) -> list[CoverRun]:
 
 
 def last_place(plan: PlanFile, runs: Sequence[CoverRun]) -> RoutePlace | None:
-    """Place of the last moment of any run that counted; ``None`` where none did."""
+    """Place of the last counting moment of any run; ``None`` without one."""
     newest: tuple[int, RoutePlace] | None = None
     for run in runs:
         rows = run.rows
@@ -77,18 +77,18 @@ def take_up(
     last_line: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> TakenUp:
-    """What a new run is to take up.
+    """Work of earlier runs for a new run to resume.
 
     Args:
-        plan: that all of them are driven by.
-        runs: earlier ones, of whatever machine.
+        plan: plan of all runs.
+        runs: earlier runs of any machine.
         cell_m: side of a cell of the map.
         level: probability from which a cell counts as worked.
-        shared_sigma_m: an axis, of what all positions share.
-        place: to begin at; ``None``: where the last moment of the machine's own runs counted, a little back.
-        machine: that is to drive; ``None`` takes every run as its own, and so does one that names no machine.
-        last_line: of the machine's share, in driving order from 0; ``None``: to the plan's end.
-        progress: called with the number of moments done, now and then.
+        shared_sigma_m: standard deviation per axis of the error shared by all positions.
+        place: place to begin at; ``None``: slightly before the last counting moment of the machine's own runs.
+        machine: identity of the machine that will drive. Runs without a machine count as its own; for ``None``, all do.
+        last_line: last line of the machine's share, in driving order from 0; ``None``: the plan's last line.
+        progress: function called with the number of moments done, at intervals.
 
     Raises:
         InputError: the plan has no such line, its end was reached, or a run's own file cannot be used.
@@ -123,11 +123,11 @@ def take_up(
     if last_line is not None and not place.line <= last_line < len(pattern.lines):
         raise InputError(plan.path, "end line", f"{place.line + 1} to {len(pattern.lines)}", f"{last_line + 1}")
     worked = cell_states(best, level) == CellState.PROCESSED
-    # Whatever else is unknown, the error that all positions share leaves this much of the edge below the level.
+    # The error shared by all positions alone leaves this much of the edge below the level.
     edge_m = NormalDist().inv_cdf(level) * shared_sigma_m
     done = worked_stretches(pattern, grid, worked, tool, after=place, last_line=last_line, edge_m=edge_m)
     stretches = share_of_lines(pattern, done, last_line)
-    # Of a run of which there is another copy now, that one tells how much of it is in the map.
+    # If another copy of a run is given now, that copy says how much of the run is in the map.
     copies = {_identity(run).partition(":")[0] for run in runs}
     every = {each for each in within if each.partition(":")[0] not in copies} | {_identity(run) for run in runs}
     return TakenUp(plan.sha256, Resumption(place, stretches), grid, best, tuple(sorted(every)), shared_sigma_m)
@@ -138,12 +138,12 @@ def _taken_up_by(run: CoverRun, plan: PlanFile, grid: CellGrid, shared_sigma_m: 
     if not path.exists():
         return None
     held = read_taken_up(path)
-    # Of another plan, size of cells or shared error: the runs themselves are gone through.
+    # With another plan, cell size or shared error, the runs themselves are processed again.
     same = (held.plan_sha256, held.grid, held.shared_sigma_m) == (plan.sha256, grid, shared_sigma_m)
     return held if same else None
 
 
 def _identity(run: CoverRun) -> str:
-    """UUID and number of moments: a run that was copied while it grew is not the whole one."""
+    """UUID and number of moments, which distinguishes a run from a copy made while it was recorded."""
     stated: Any = run.provenance["run"]
     return f"{stated}:{len(run.rows)}"

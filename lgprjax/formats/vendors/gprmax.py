@@ -32,9 +32,9 @@ class GprMaxTraces(NamedTuple):
         traces: one trace, or those of a merged B-scan.
         dt_s: simulated interval between samples.
         start_s: time of the first sample.
-        midpoint_m: midway between source and receiver; ``None`` in a merged file, which lacks it.
-        centre_frequency_hz: of the source's pulse, if known (version 4).
-        component: the field component.
+        midpoint_m: midpoint between source and receiver; ``None`` in a merged file, which lacks it.
+        centre_frequency_hz: centre frequency of the source's pulse, if known (version 4).
+        component: field component.
     """
 
     traces: Float[np.ndarray, "trace sample"]

@@ -46,7 +46,7 @@ def import_grounded(
         run_dir: the folder.
         utm_zone: number and hemisphere, such as ``19N``.
         sample_interval_ns: two-way travel time between samples.
-        scan_rate_hz: scans a second.
+        scan_rate_hz: scans per second.
         time_zero_ns: time zero, relative to sample 0 (the files do not have it).
         output: the drive log.
         force: replace an output that exists.

@@ -54,19 +54,19 @@ def read_dzt(path: str | Path, *, channel: int | None = None, partial: bool = Fa
     """Read one ``.DZT`` file of one or several channels.
 
     8- and 16-bit samples are offset binary, 32-bit ones signed; all are returned signed. The first two samples of a
-    trace are marks: they read as zero. Channels are interleaved trace by trace. A line without scans a metre was
-    recorded by time, and the antenna's name may be empty. Where a later channel's header is not filled in, the first
-    one counts for it (``Profile.notes``).
+    trace are marks, which are read as zero. Channels are interleaved trace by trace. A line without scans per metre was
+    recorded by time, and the antenna's name may be empty. The first header replaces an empty header of a later channel
+    (``Profile.notes``).
 
     Args:
-        path: the file.
-        channel: the only one to read, from 0: two antennas may have different time ranges.
-        partial: read the intact traces (of all channels) of a file that ends too early; ``Profile.cut`` then gives
-            their number.
+        path: path of the file.
+        channel: only channel to read, from 0; two antennas may have different time ranges.
+        partial: whether to read the intact traces (of all channels) of a file that ends too early; ``Profile.cut`` then
+            gives their number.
 
     Raises:
-        InputError: the file is missing, truncated or of another format, its header is invalid, or channels have
-            different time ranges and none is chosen, or it has no such channel.
+        InputError: the file is missing, truncated or of another format, its header is invalid, channels have different
+            time ranges and none is chosen, or there is no such channel.
     """
     file = Path(path)
     data = read_bytes(file)
@@ -148,7 +148,7 @@ def _is_filled_in(own: _Header) -> bool:
 
 
 def _data_offset(file: Path, header: _Header) -> int:
-    """Where the samples begin: small words count header blocks, large ones bytes (one block a channel at least)."""
+    """Offset of the samples, bytes: small words count header blocks, large ones bytes (a block per channel or more)."""
     if header.data < _HEADER_BYTES:
         offset = _HEADER_BYTES * header.data
     else:
@@ -329,17 +329,17 @@ def read_iprb_array(paths: Sequence[str | Path], *, partial: bool = False) -> Pr
     """Read the channels of one line, ``NAME_001_A01.iprb``, ``NAME_001_A02.iprb`` ..., as one profile.
 
     ``CH_X_OFFSET`` is to the right of the position reference, ``CH_Y_OFFSET`` forward; channels are returned from left
-    to right. ``ZERO LEVEL`` is each channel's own: all are brought to the middle one. A single file has no place in an
-    array.
+    to right. ``ZERO LEVEL`` is each channel's own: all are shifted to the middle one. A single file has no position in
+    an array.
 
     Args:
-        paths: the files, in any order.
-        partial: if channels end too early, read the traces that are intact in all of them;
+        paths: paths of the files, in any order.
+        partial: whether to read, if channels end too early, the traces that are intact in all of them;
             ``Profile.cut`` then gives their number.
 
     Raises:
         InputError: a file cannot be read, or the channels are not an array: different recordings, time zeros farther
-            apart than a twentieth of the trace, or two in one place.
+            apart than a twentieth of the trace, or two at one position.
     """
     if not paths:
         raise InputError("files", "channels", "at least one .iprb file", "none")

@@ -62,7 +62,7 @@ def read_segy(
     and receiver, or the one available, or else those of the ensemble; the coordinate scalar and feet are applied.
 
     Args:
-        path: the file.
+        path: path of the file.
         sample_interval_ns: two-way travel time between samples, if missing in the header.
         time_zero_ns: time zero, relative to sample 0 (no SEG-Y header has it in ns).
         sample_format: coding of float samples; default: that of the header, unless the samples cannot be of it, which
@@ -114,15 +114,15 @@ class _Binary(NamedTuple):
     """Words of the binary header, and the layout that they state.
 
     Attributes:
-        order: ``>`` or ``<``, as in ``struct``.
-        format: code of the samples.
-        revision: major and minor.
-        interval, exact_us: the interval word, and the extended one of revision 2; 0 where missing.
-        feet: lengths are in feet.
-        samples: of a trace.
-        header_bytes: of a trace, with its additional headers.
-        begin, end: bytes of the traces in the file.
-        traces: number of them as stated; ``None``: not stated.
+        order: byte order, ``>`` or ``<``, as in ``struct``.
+        format: code of the sample format.
+        revision: major and minor revision.
+        interval, exact_us: interval word, and the extended one of revision 2; 0 if missing.
+        feet: whether lengths are in feet.
+        samples: number of samples per trace.
+        header_bytes: size of a trace's header, with its additional headers.
+        begin, end: byte range of the traces in the file.
+        traces: stated number of traces; ``None``: not stated.
     """
 
     order: str
@@ -368,16 +368,16 @@ def import_segy(
     of its coordinates or evenly over ``length_m``.
 
     Args:
-        path: the file.
+        path: path of the file.
         sample_interval_ns, time_zero_ns, sample_format, partial: see ``read_segy``.
         utm_zone: zone of coordinates in metres, such as ``19N``.
-        place: origin and direction of a line that has no place on the earth.
+        place: origin and direction of a line without geographic positions.
         length_m: length of the line, measured by tape; coordinates are then unused.
-        output: the drive log.
-        force: replace an output that exists.
+        output: path of the drive log.
+        force: whether to replace an existing output.
 
     Returns:
-        What was given and not used, what the file contradicts, and how much of a truncated one was read, in words.
+        Notes on unused input, contradictions in the file, and the part read of a truncated file.
 
     Raises:
         InputError: the file cannot be read or has no sample interval, or the line has no length.

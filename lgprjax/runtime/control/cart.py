@@ -1,4 +1,4 @@
-"""A hand cart with a GNSS receiver alone, live: its pose ten times a second, its tool's rows some seconds later."""
+"""A hand cart with a GNSS receiver alone, live: its pose ten times per second, its tool's rows some seconds later."""
 
 import math
 from collections import deque
@@ -25,10 +25,10 @@ _PRESENT_PERIODS = 1.5
 
 
 class CartPilot:
-    """The cart's live pose; it commands nothing.
+    """The cart's live pose, without commands.
 
     Args:
-        config: of the run, of mode record with a table ``coverage``.
+        config: configuration of the run, of mode record with a table ``coverage``.
 
     Raises:
         InputError: the vehicle file cannot be used.
@@ -54,7 +54,7 @@ class CartPilot:
         jax.block_until_ready(rows)
 
     def take(self, place: LocalPosition) -> None:
-        """A position; of several before a step the newest is used."""
+        """Take a position; a step uses the newest one."""
         self._newest, self._fresh = place, True
 
     def step(self, now_ns: int) -> tuple[int, bytes] | None:
@@ -99,7 +99,7 @@ class CartPilot:
         return bool(self._row[-1] > 0.5)
 
     def state(self, now_ns: int) -> dict[str, Any]:
-        """For the page: the newest pose, its accuracy and that of what is mapped, one sigma each."""
+        """State for the page: the newest pose, its accuracy and that of the mapped pose, one sigma each."""
         place = self._newest
         age_s = math.inf if place is None else (now_ns - place.time_ns) / 1e9
         sigma_m, sigma_heading_deg = _sigmas(self._row)
@@ -132,7 +132,7 @@ class CartPilot:
 
 
 def _sigmas(row: np.ndarray) -> tuple[float, float]:
-    """Of the position's larger axis, metres, and of the heading, degrees; NaN where they are unknown."""
+    """Standard deviations of the position's larger axis, metres, and of the heading, degrees; NaN if unknown."""
     covariance = row[3:12].reshape(3, 3).astype(np.float64)
     if not np.isfinite(covariance).all():
         return math.nan, math.nan

@@ -36,7 +36,7 @@ from lgprjax.vehicle import VehiclePose
 
 
 def as_vector(numbers: tuple[float, ...]) -> Float[np.ndarray, " number"]:
-    """As a compiled step takes them."""
+    """Numbers as the input vector of a compiled step."""
     return np.array(numbers, np.float32)
 
 
@@ -57,7 +57,7 @@ def bits_of(flags: Bool[Array, " source"]) -> Int[Array, ""]:
 
 
 def as_row(numbers: Iterable[ArrayLike]) -> Float[Array, " number"]:
-    """What a compiled step gives, fetched at once."""
+    """Results of a compiled step as one row, to be fetched at once."""
     return jnp.stack([jnp.asarray(number).astype(jnp.float32) for number in numbers])
 
 
@@ -108,13 +108,15 @@ class TickResult(NamedTuple):
 
     Attributes:
         x_m, y_m, yaw_rad: pose used for control, rear axle, map's frame.
-        fused_x_m, fused_y_m, fused_yaw_rad: of the filter; reckoned_ alike, without LGPR, and its heading's sigma;
-            search_ alike: from where the map is searched.
-        speed_mps: forward.
-        sigma_along_m, sigma_cross_m: of the filter's position.
+        fused_x_m, fused_y_m, fused_yaw_rad: pose of the filter.
+        reckoned_x_m ... reckoned_yaw_sigma_rad: pose without LGPR, and standard deviation of its heading.
+        search_x_m, search_y_m, search_yaw_rad: start pose of the search on the map.
+        speed_mps: forward speed.
+        sigma_along_m, sigma_cross_m: standard deviations of the filter's position.
         reaction, reasons, cap_mps, bounded, gnss_bounded, frame_left_m: health.
         accepted, offered: bits of the sources.
-        ahead_m ... gear: the plan, see ``Plan``; leg, arc_m, travel: its place, see ``PlannerState``.
+        ahead_m ... gear: the plan, see ``Plan``.
+        leg, arc_m, travel: place of the plan, see ``PlannerState``.
         front_rad, throttle, brake, limited: the command and the limiter's bits.
         wanted_mps, reachable, look_ahead_m: see ``AutopilotInfo``.
     """
@@ -246,9 +248,9 @@ class FoundPlaces(NamedTuple):
     """Places of the route at the vehicle, as rows of numbers, nearest first.
 
     Attributes:
-        code: of the search, or of the place that was asked for.
+        code: code of the search, or of the requested place.
         leg, arc_m, travel: as in ``PlannerState``.
-        possible: 1 for places no farther than ``ambiguity_m`` beyond the nearest, whose heading fits.
+        possible: 1 for places at most ``ambiguity_m`` farther than the nearest, with a fitting heading.
     """
 
     code: Float[np.ndarray, " candidate"]
@@ -262,14 +264,14 @@ class FoundPlaces(NamedTuple):
 def acquire_compiled(
     setup: OnboardSetup, route: RoutePath, state: OnboardState, pose: Float[Array, " 3"], number: Int[Array, ""]
 ) -> tuple[OnboardState, Float[Array, "5 candidate"]]:
-    """The planner placed on the route at the vehicle, and ``FoundPlaces``.
+    """State with the planner placed on the route at the vehicle, and ``FoundPlaces``.
 
     Args:
-        setup: of the vehicle.
-        route: to be driven.
-        state: before.
-        pose: of the rear axle.
-        number: of the place that the operator chose, from 0; -1: the only one there is.
+        setup: setup of the vehicle.
+        route: route to drive.
+        state: state before.
+        pose: pose of the rear axle.
+        number: number of the place that the operator chose, from 0; -1: the only place.
     """
     config = setup.autopilot
     starts = find_starts(route, config.planner, config.chassis, VehiclePose(*pose))

@@ -48,8 +48,8 @@ def load_vehicle(
     """The files of a configuration: of a field if it has one, else of a course.
 
     Args:
-        config: of the run.
-        place, anchor: of a field, after a relaunch: see ``load_skid``.
+        config: configuration of the run.
+        place, anchor: place and anchor on a field after a relaunch, see ``load_skid``.
 
     Raises:
         InputError: a file cannot be used.
@@ -113,7 +113,7 @@ class LateTicks:
 
 
 def level_event(asked: object) -> dict[str, Any]:
-    """What is recorded of a requested level of confidence, at which the page shows worked ground. It moves nothing."""
+    """Recorded event of a requested confidence level for the page's map; it has no effect on control."""
     if isinstance(asked, float) and 0.5 < asked <= HIGHEST_LEVEL:
         return {"level": asked}
     return {"refused": "level", "why": f"above 0.5, {HIGHEST_LEVEL:g} at most"}
@@ -123,7 +123,7 @@ def level_event(asked: object) -> dict[str, Any]:
 
 
 def finite_json(value: dict[str, Any]) -> bytes:
-    """As JSON: non-finite numbers become null, others have four decimals."""
+    """JSON of a table; non-finite numbers become null, others have four decimals."""
     return json.dumps(_finite(value)).encode()
 
 
@@ -145,7 +145,7 @@ _WITH_REASONS = (Event.ERROR_RAISED, Event.HEALTH_STOP, Event.DRIVE_BY_WIRE_DIED
 _PRESSES = (Event.STEERING_BUTTON, Event.CRUISE_PLUS, Event.CRUISE_MINUS)
 _UNCHECKED = (Mode.BOOT, Mode.CHECKS)
 _TOLD = (Mode.ERROR, Mode.MANUAL, Mode.EMERGENCY_STOP)
-"""Modes whose cause the page tells."""
+"""Modes whose cause the page shows."""
 _CONTROLLER = TEXT[Watch.CONTROLLER_SILENT]
 _OVERRIDE_UNREAD = {_CONTROLLER, TEXT[Watch.OVERRIDE_CONTACTS]}
 """Findings for which the override button is assumed to be pressed."""
@@ -155,15 +155,16 @@ class ControlCore:
     """One run's control loop.
 
     Args:
-        config: of the run.
-        loaded: its files.
-        session: of the frames sent.
+        config: configuration of the run.
+        loaded: files of the run.
+        session: session number of the frames sent.
         after_death: see ``ModeKeeper``.
 
-    Attributes:
-        kind: the vehicle: senses, watches and decisions.
-        modes: the mode machine; processes: the others, as reported by the supervisor.
-        unrecorded: messages dropped on their way to the recorder; for the display.
+        Attributes:
+        kind: kind of vehicle: senses, watches and decisions.
+        modes: mode machine.
+        processes: states of the other processes, from the supervisor.
+        unrecorded: number of messages dropped on their way to the recorder, for the display.
 
     Raises:
         InputError: the vehicle file lacks a number.
@@ -179,7 +180,7 @@ class ControlCore:
         self.processes = Processes(config)
         self.unrecorded = 0
         self._after_death = after_death
-        # The first command of a session releases what the box holds. A power cut is held on: it is learned first.
+        # The first command of a session releases the box's actuators. A power cut must persist, so it is learned first.
         self._box_unheard = after_death
         self._checks, self._late = SystemChecks(), LateTicks()
         # One numbering per line, one session per start.
@@ -198,15 +199,15 @@ class ControlCore:
         self._out: list[Record] = []
 
     def step(self, tick: int, now_ns: int, came: list[Record]) -> list[Record]:
-        """A tick.
+        """Run a tick.
 
         Args:
-            tick: its number, from 1.
-            now_ns: monotonic.
+            tick: number of the tick, from 1.
+            now_ns: monotonic time, ns.
             came: messages since the last tick, in order.
 
         Returns:
-            records to send (PORT_OUT, PRIOR, COVER, STATE) and to record (PLAN, SKID_PLAN, EVENT), in order of
+            Records to send (PORT_OUT, PRIOR, COVER, STATE) and to record (PLAN, SKID_PLAN, EVENT), in order of
             creation.
         """
         self._tick, self._out = tick, []
@@ -321,7 +322,7 @@ class ControlCore:
             status.doubtful,
             status.reaction,
             not self._missing and not status.refuses,
-            # While nothing has been checked the checks handle the box's line: they wait, and tell what failed.
+            # Before the checks the checks themselves handle the box's line: they wait, and report what failed.
             status.line or modes.mode in _UNCHECKED,
             status.severity,
             status.manual,
@@ -349,7 +350,7 @@ class ControlCore:
         return [*lost, *late, *(causes_of(event, status.why) if not late else [])]
 
     def _tell_slow(self, now_ns: int) -> None:
-        """Tell when the reasons change for which the vehicle drives slowly, or its operator must."""
+        """Record changes of the reasons for which the vehicle drives slowly, or its operator must."""
         process = ["the map of worked ground is not being updated"] if self.processes.slowly else []
         limited = self.modes.engage & (PEDALS if self.kind.speed_control else STEERING) and not self.modes.stopping
         slow = [*process, *self.kind.slow()] if limited else []

@@ -41,8 +41,8 @@ class Panel:
     """Keeps display data in addition to the tick's numbers.
 
     Args:
-        routes: of the configuration.
-        lgpr: there is a map to match scans with.
+        routes: routes of the configuration.
+        lgpr: whether there is a map to match scans with.
     """
 
     def __init__(self, routes: list[LaidRoute], *, lgpr: bool = True) -> None:
@@ -60,7 +60,7 @@ class Panel:
         self.correlation = math.nan
 
     def take_fix(self, tick: int, code: int, correlation: float) -> None:
-        """Take a searched scan. Those between the stops of a search have no fix of their own, and say nothing new."""
+        """Take a searched scan. Those between the stops of a search have no fix of their own, and change nothing."""
         self._searched = tick
         if code != Code.NO_WINDOW:
             self._decided = tick
@@ -73,10 +73,10 @@ class Panel:
         """Display state of a tick, in addition to the modes.
 
         Args:
-            tick: its number.
-            route: number of the chosen one.
+            tick: number of the tick.
+            route: number of the chosen route.
             result: numbers of the step.
-            places: where the operator chooses between several.
+            places: candidate places, if the operator chooses between several.
         """
         self._codes = [known for known in self._codes if known[0] > tick - 500]
         share = sum(good for _, good in self._codes) / len(self._codes) if self._codes else None
@@ -157,7 +157,7 @@ _TICKS_HZ = 50
 def quality_of(result: TickResult) -> int:
     """Quality of the corrected position, as in GGA; never better than what bounds its error.
 
-    4: LGPR, or GNSS that nothing speaks against, bounds it to 0.1 m; 5: one of them bounds it to 0.5 m; 6: dead
+    4: LGPR, or uncontradicted GNSS, bounds it to 0.1 m; 5: one of them bounds it to 0.5 m; 6: dead
     reckoning, or GNSS and LGPR contradict each other; 0: none.
     """
     numbers = (result.fused_x_m, result.fused_y_m, result.fused_yaw_rad, result.sigma_along_m, result.sigma_cross_m)
@@ -171,12 +171,13 @@ def quality_of(result: TickResult) -> int:
 
 
 def pose_row(result: TickResult, now_ns: int, height_m: float, antenna_m: tuple[float, float]) -> bytes:
-    """``POSE``: the corrected position of the vehicle's GNSS antenna, for whoever would read a receiver.
+    """``POSE`` record: the corrected position of the vehicle's GNSS antenna, in place of a receiver's position.
 
     Args:
-        result: of the tick; now_ns: its time.
-        height_m: of the last position.
-        antenna_m: forward and left of the rear axle.
+        result: result of the tick.
+        now_ns: time of the tick, ns.
+        height_m: height of the last position.
+        antenna_m: antenna forward and left of the rear axle, m.
     """
     row = np.zeros((), POSE)
     cos, sin = math.cos(result.fused_yaw_rad), math.sin(result.fused_yaw_rad)
@@ -221,12 +222,13 @@ class CounterSteer:
     """See ``VehicleKind``.
 
     Args:
-        config: of the run.
-        loaded: its files.
+        config: configuration of the run.
+        loaded: files of the run.
 
     Attributes:
-        pilot: navigation and autopilot; senses: messages received.
-        speed_control: by the vehicle file.
+        pilot: navigation and autopilot.
+        senses: received messages.
+        speed_control: whether the vehicle has speed control, by its file.
 
     Raises:
         InputError: the vehicle file lacks a number.
@@ -244,7 +246,7 @@ class CounterSteer:
         self._antenna_m = (float(loaded.setup.navigator.model.gnss_x_m), float(loaded.setup.navigator.model.gnss_y_m))
         self._every = None if config.output is None else _TICKS_HZ // config.output.rate_hz
         self._ticks = 0
-        # What a process before this one said of travel has nothing in common with what this one says.
+        # The travel of an earlier process is unrelated to this one's.
         self._travel_lost = True
         self._fix_ns: int | None = None
         self._now_ns = 0
@@ -382,7 +384,7 @@ class CounterSteer:
         result, attitude = self.pilot.result, self.senses.attitude
         rows: list[tuple[RecordKind, bytes]] = []
         self._travel_lost |= self._sensed.travel_lost
-        # While the box is silent nobody knows how far the vehicle has gone: scans wait until its odometer is heard.
+        # While the box is silent the travel is unknown: scans wait until its odometer is received.
         if self.pilot.started and self._sensed.wheels_age_s <= _TRAVEL_OLD_S:
             prior = prior_row(
                 result,
@@ -421,7 +423,7 @@ class CounterSteer:
         return ""
 
     def slow(self) -> list[str]:
-        """What caps the speed: watches, health, missing scans."""
+        """Reasons of the speed cap: watches, health, missing scans."""
         result, watched = self.pilot.result, self._watched
         cause = watched.severity is Severity.DEGRADE
         words = describe(Watch(sum(bit for bit in watched.bits if SEVERITY[bit] is Severity.DEGRADE))) if cause else []
@@ -446,7 +448,7 @@ class CounterSteer:
         return self.pilot.choose(name, place)
 
     def next_place(self, by: int) -> dict[str, str] | None:
-        """Of the places where the vehicle may be."""
+        """Choose the next of the places where the vehicle may be."""
         return self.pilot.next_place(by)
 
     @property
@@ -464,5 +466,5 @@ class CounterSteer:
 
     @property
     def _missed(self) -> bool:
-        """Whether scans are missing that nothing stands in for."""
+        """Whether scans are missing without a substitute."""
         return self._scans_missing and self.pilot.result.gnss_bounded != 1.0

@@ -1,8 +1,8 @@
 """Manoeuvres of a calibration that the software commands: steps and a sweep of the steering, steps of the pedals.
 
-A kind of vehicle for the control loop, with the modes, the override and the limiter of every other one. It stands on
-assumed limits while the vehicle's own are open: small angles at standstill; wheels held straight while it drives, a
-speed that positions confirm, and a stretch of ground that it does not leave. Nothing here reads a clock.
+A kind of vehicle for the control loop, with the same modes, override and limiter as the others. It uses assumed limits
+while the vehicle's own are open: small angles at standstill; wheels held straight while it drives, a speed confirmed by
+positions, and a stretch of ground that it does not leave. Nothing here reads a clock.
 """
 
 import math
@@ -76,7 +76,7 @@ ASSUMED = {
 }
 """Numbers of a servo that no study has found yet; no limit depends on them."""
 _LARGEST_SHARE = 0.8
-"""Of the largest wheel angle, that is commanded."""
+"""Largest commanded share of the largest wheel angle."""
 _RULES = LimiterRules(
     largest_front_rad=jnp.float32(0.0),
     # Faster than any servo of a heavy vehicle, so that its own rate shows.
@@ -94,7 +94,7 @@ _RUN_S = 12.0
 """A run takes at most the way of so long at the highest speed."""
 _PEDAL = PedalBelief(pre_tension=0.0, dead_zone=0.0, gain_mps2=1.0, lag_s=1.0)
 _PEDALS = PedalsBelief(_PEDAL, _PEDAL, rolling_mps2=0.0, drag_per_s=0.0)
-"""No study has found them yet, and no finding depends on them where the watch is given no speed to trust."""
+"""Placeholder numbers, not found by a study; no finding depends on them without a trusted speed."""
 
 # The compiled part: the limiter, which follows the wheels while nothing is engaged.
 
@@ -128,12 +128,12 @@ def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[Lim
 
 
 class LoadedManoeuvre(NamedTuple):
-    """What a commanded manoeuvre needs of the files.
+    """Contents of the files that a commanded manoeuvre needs.
 
     Attributes:
-        table: of the configuration.
-        belief: the steering, in part assumed.
-        hashes: of every file read, by its name in the configuration.
+        table: calibration table of the configuration.
+        belief: steering, in part assumed.
+        hashes: hash of every file read, by its name in the configuration.
     """
 
     table: CalibrationTable
@@ -145,7 +145,7 @@ def load_manoeuvre(config: RuntimeConfig) -> LoadedManoeuvre:
     """Read the vehicle file of a commanded manoeuvre.
 
     Raises:
-        InputError: it cannot be used, or does not know the front angle yet.
+        InputError: the file cannot be used, or has no front angle yet.
     """
     assert config.calibration is not None
     path = config.path(config.vehicle)
@@ -165,12 +165,12 @@ _PLACE_OLD_S, _COARSE_M = 1.0, 0.5
 _OUT_RAD, _STRAIGHT_RAD, _OUT_S = math.radians(6.0), math.radians(4.0), 0.4
 """Wheels beyond the largest command, and off straight while the vehicle is driven."""
 _APART_M, _APART_SIGMAS, _APART_SHARE, _APART_S = 0.5, 3.0, 0.1, 0.2
-"""Allowed difference of wheels and positions since a standstill, and how long it lasts until it is told: the speed must
-count as unknown by then, or a vehicle whose wheels say that it stands would be handed over instead of stopped."""
+"""Allowed difference of wheels and positions since a standstill, and the time after which it is reported: by then the
+speed must count as unknown, or a vehicle with wheels apparently at standstill would be handed over, not stopped."""
 
 
 class _Mark(NamedTuple):
-    """Where the vehicle last stood: the runs by then, and the position."""
+    """The last standstill: number of runs completed, and position."""
 
     runs: int
     place: LocalPosition
@@ -184,7 +184,7 @@ class ManoeuvreKind:
         loaded: its files.
 
     Attributes:
-        speed_control: the manoeuvre is one of the pedals; in one of the steering they are never engaged.
+        speed_control: whether the manoeuvre commands the pedals; in manoeuvres of the steering they are never engaged.
     """
 
     def __init__(self, config: RuntimeConfig, loaded: LoadedManoeuvre) -> None:
@@ -211,7 +211,7 @@ class ManoeuvreKind:
 
     @property
     def lock_mps(self) -> float:
-        """Of no meaning: the programme decides on the speed."""
+        """Unused, because the programme sets the speed."""
         return 0.0
 
     def warm_up(self) -> None:
@@ -255,7 +255,7 @@ class ManoeuvreKind:
             statuses=operator.statuses,
             controller_age_s=operator.age_s,
             hands=hands,
-            # Wheels that positions contradict neither stand nor move.
+            # If positions contradict the wheels, neither standstill nor motion is known.
             speed_mps=math.nan if self._apart_s else speed,
             step_s=sensed.step_s,
         )
@@ -395,7 +395,7 @@ class ManoeuvreKind:
         return "; ".join(self._trouble)
 
     def slow(self) -> list[str]:
-        """Nothing."""
+        """No reasons."""
         return []
 
     def notes(self) -> list[dict[str, Any]]:
@@ -450,7 +450,7 @@ class ManoeuvreKind:
 
     @property
     def _trouble(self) -> list[str]:
-        """What ends a manoeuvre by a stop."""
+        """Reasons that end a manoeuvre by a stop."""
         wheels = self._sensed.wheels
         speed, way = (
             (math.nan, math.nan) if wheels is None else (wheels.number("speed_mps"), wheels.number("odometer_m"))
@@ -482,8 +482,8 @@ class ManoeuvreKind:
         return as_watch(self._out.on * Watch.STEERING_RUNAWAY)
 
     def _pedal_findings(self, wheels: BoxStatus, speed_mps: float, step_s: float) -> Watch:
-        """Pedals against their commands; a speed beyond all that was asked for, or a brake without effect: the box cuts
-        the power and brakes."""
+        """Findings on pedals that differ from their commands. At a speed beyond all commands, or with an ineffective
+        brake, the box cuts the power and brakes."""
         engaged = bool(self._sent.engage & PEDALS)
         self._pedal, found = step_pedal_watch(
             _PEDALS,
@@ -495,7 +495,7 @@ class ManoeuvreKind:
             speed_trusted=False,
             step_s=step_s,
         )
-        # A stop would hand over a vehicle that stands, and a stuck throttle would drive it off.
+        # A stop would hand over a vehicle at standstill, and a stuck throttle would drive it off.
         if engaged and (found & Watch.THROTTLE_STUCK or abs(speed_mps) > self._pedals.limit_mps):
             found |= Watch.SPEED_RISES
         return found | (Watch.BRAKE_DEAD if engaged and self._pedals.dead else Watch(0))

@@ -1,7 +1,7 @@
-"""What a commanded manoeuvre asks of steering and pedals, by the time and by what the vehicle does. No clock, no files.
+"""Commands of a calibration manoeuvre to steering and pedals, by time and by the vehicle's motion. No clock, no files.
 
-The pedals' programme presses the brake before the throttle, and lets the throttle rise slowly until the brake has been
-seen to slow the vehicle by more than rolling does; only then is the throttle stepped.
+The pedals' programme presses the brake before the throttle, and raises the throttle slowly until the brake has slowed
+the vehicle by more than rolling does; only then is the throttle stepped.
 """
 
 import math
@@ -18,7 +18,7 @@ class SteeringProgram:
     """Front angles over the time since steering was engaged.
 
     Args:
-        amplitude_rad: of the largest step.
+        amplitude_rad: angle of the largest step.
     """
 
     def __init__(self, amplitude_rad: float) -> None:
@@ -31,11 +31,11 @@ class SteeringProgram:
 
     @property
     def share(self) -> float:
-        """Of the programme, that is done."""
+        """Completed share of the programme."""
         return min(self._time_s / (self._steps_s + _SWEEP_S + _STEP_S), 1.0)
 
     def restart(self) -> None:
-        """From the beginning, unless it is complete: half of a step says nothing."""
+        """Restart from the beginning, unless complete, because half a step is useless."""
         if self.share < 1.0:
             self._time_s = 0.0
 
@@ -72,7 +72,7 @@ class Phase(Enum):
 
 _PROBE_PER_S, _MOST_PROBE, _MOVES_MPS = 0.03, 0.6, 0.25
 _THROTTLES = (0.12, 0.18, 0.28, 0.15, 0.24, 0.33, 0.1, 0.21, 0.3, 0.16, 0.26, 0.14)
-"""Of each run, beyond the throttle at which the vehicle moved off."""
+"""Throttle of each run, beyond the throttle at which the vehicle moved off."""
 _BRAKES = (0.35, 0.5, 0.65, 0.42, 0.3, 0.58, 0.45, 0.33, 0.7, 0.38, 0.55, 0.48)
 _BACK = 0.12
 _HALT_BRAKE, _REST_BRAKE = 0.6, 0.4
@@ -88,29 +88,29 @@ _LASTS_S = {
 _BRAKED = (Phase.BRAKE, Phase.EASE, Phase.HALT, Phase.REST, Phase.STOP)
 _STANDS_MPS, _SLOW_MPS = 0.05, 0.6
 _SMOOTHED_S, _ANSWER_S = 0.3, 0.6
-"""Of the speed, for its rise; and time for which a released throttle still pushes."""
+"""Smoothing time of the speed for its rise, s, and time for which a released throttle still pushes, s."""
 _PROVING_MPS, _UNPROVEN_MPS = 1.2, 2.0
 """Speed from which the brake is proven, and which the vehicle never exceeds before."""
 _MOST_BRAKING_MPS2 = 8.0
 """A speed that falls faster is not the vehicle's."""
 LEAST_BRAKING_MPS2 = 0.4
-"""By which a proven brake slows the vehicle, beyond what rolling does."""
+"""Least deceleration by a proven brake, in addition to rolling."""
 _OVER_MPS = 1.0
 _SLOWS_S, _SLOWS_MPS = 2.0, 0.5
-"""In so long a pressed brake slows the vehicle by so much, or below the speed at which it moves."""
+"""Time in which a pressed brake slows the vehicle by this speed, or to standstill."""
 
 
 class PedalProgram:
-    """Throttle and brake by what the vehicle does.
+    """Throttle and brake commands by the vehicle's motion.
 
     Args:
-        fastest_mps: speed at which the throttle is released once the brake has been seen to act.
+        fastest_mps: speed at which the throttle is released once the brake is proven.
 
     Attributes:
-        runs: that are complete; -2 before the vehicle has moved, -1 before the brake is proven.
-        proven: the brake has been seen to act.
-        dead: the brake has been pressed without effect.
-        trouble: why it cannot go on; empty if it can.
+        runs: number of completed runs; -2 before the vehicle has moved, -1 before the brake is proven.
+        proven: whether the brake has been observed to act.
+        dead: whether the brake has been pressed without effect.
+        trouble: reason why the programme cannot continue; empty if it can.
     """
 
     def __init__(self, fastest_mps: float) -> None:
@@ -123,7 +123,7 @@ class PedalProgram:
 
     @property
     def share(self) -> float:
-        """Of the runs, that are done."""
+        """Completed share of the runs."""
         return max(self.runs, 0) / len(_THROTTLES)
 
     @property
@@ -138,7 +138,7 @@ class PedalProgram:
 
     @property
     def between_runs(self) -> bool:
-        """Whether the vehicle stands, and is to stand."""
+        """Whether the vehicle is, and is to stay, at standstill."""
         return self._phase is Phase.REST
 
     def restart(self) -> None:
@@ -150,9 +150,9 @@ class PedalProgram:
         """Throttle and brake of this tick, 0 to 1.
 
         Args:
-            speed_mps: forward, by the wheels; NaN stops.
-            step_s: since the last tick.
-            stop: brake until the next ``restart``.
+            speed_mps: forward speed by the wheels; NaN stops.
+            step_s: time since the last tick.
+            stop: whether to brake until the next ``restart``.
         """
         self._time_s += step_s
         if stop or not math.isfinite(speed_mps):

@@ -21,18 +21,18 @@ class ModeKeeper:
     """The state of the modes and the switches set by their actions.
 
     Args:
-        after_death: this control process replaces one that died: an error holds until it is up, and only the override
-            button leaves it.
-        speed_step_mps: of the cruise buttons.
-        speed_control: the vehicle has throttle and brake for the autopilot.
+        after_death: whether this control process replaces a dead one: an error holds until it is up, and only the
+            override button leaves it.
+        speed_step_mps: speed step of the cruise buttons.
+        speed_control: whether the autopilot has throttle and brake.
 
     Attributes:
-        state: of the mode machine.
+        state: state of the mode machine.
         engage: bits of the drive_command.
-        stopping: a controlled stop runs.
-        set_speed_mps: that the operator locked.
-        lit: the controller's light.
-        checks_requested: the system checks are requested.
+        stopping: whether a controlled stop runs.
+        set_speed_mps: speed locked by the operator.
+        lit: whether the controller's light is on.
+        checks_requested: whether the system checks are requested.
         since_s: time at which the mode was entered.
     """
 
@@ -51,7 +51,7 @@ class ModeKeeper:
 
     @property
     def mode(self) -> Mode:
-        """As driven."""
+        """Present mode."""
         return self.state.mode
 
     def cut(self) -> None:
@@ -64,10 +64,10 @@ class ModeKeeper:
         """Apply an event; returns the change, ``None`` without one.
 
         Args:
-            event: what happens.
-            time_s: monotonic.
-            speed_mps: of the vehicle, locked by a cruise button.
-            check: that failed.
+            event: event to apply.
+            time_s: monotonic time.
+            speed_mps: speed of the vehicle, locked by a cruise button.
+            check: failed check.
         """
         before = self.state
         self.state, actions = step_modes(before, ModeEvent(event, time_s, check))
@@ -129,11 +129,11 @@ class CheckItem(NamedTuple):
 
 
 class SystemChecks:
-    """A run of the checks: passed as soon as all hold, failed by the first that still does not after a while.
+    """A run of the checks: passed as soon as all hold, failed by the first that does not hold after a timeout.
 
     Attributes:
-        items: of the last evaluation, in the order of the checks.
-        running: a run is under way.
+        items: results of the last evaluation, in the order of the checks.
+        running: whether a run is under way.
     """
 
     def __init__(self) -> None:
@@ -143,14 +143,13 @@ class SystemChecks:
         self._braked_s = 0.0
 
     def begin(self, time_s: float) -> None:
-        """Begin, or begin again."""
+        """Begin, or restart."""
         self.running, self._began_s, self._braked_s = True, time_s, 0.0
 
     def step(self, time_s: float, look: Callable[[], list[CheckItem]], *, starting: bool) -> CheckItem | bool | None:
-        """``True`` where the run has passed, the failed item where it failed, ``None`` while it goes on.
+        """``True`` if the run has passed, the failed item if it failed, ``None`` while it continues.
 
-        While processes are still ``starting`` for the first time nothing has failed yet: the supervisor limits their
-        time.
+        While processes are still ``starting`` for the first time no check fails; the supervisor limits their time.
         """
         if not self.running:
             return None

@@ -26,7 +26,7 @@ from lgprjax.runtime.control.setup import TICK_S, Loaded
 
 _SEARCH_TICKS = 25
 _KEPT_M = 50.0
-"""Way by hand after which a place of several is chosen anew."""
+"""Way by hand after which one of several places is chosen again."""
 _UNSURE_RAD = math.radians(5.0)
 """A heading that its receiver states less surely is none."""
 _NOTHING = TickResult(*[math.nan] * len(TickResult._fields))
@@ -55,16 +55,16 @@ class Pilot:
     """Navigation and autopilot of one vehicle.
 
     Args:
-        loaded: from ``load``.
-        control, sensors: of the configuration.
+        loaded: files from ``load``.
+        control, sensors: tables of the configuration.
 
-    Attributes:
-        result: of the last tick; all NaN before there is a pose.
-        route: number of the chosen one.
-        on_route: the planner has a place on it.
-        code: of the plan, or of the last search for a place.
-        places: where the vehicle may be on the route, of the last search; begun: the one that was taken of several,
-            until it is noted.
+        Attributes:
+        result: result of the last tick; all NaN before there is a pose.
+        route: number of the chosen route.
+        on_route: whether the planner has a place on the route.
+        code: code of the plan, or of the last search for a place.
+        places: possible places of the vehicle on the route, from the last search.
+        begun: place chosen from several, until it is recorded.
     """
 
     def __init__(self, loaded: Loaded, control: ControlTable, sensors: SensorsTable) -> None:
@@ -85,7 +85,7 @@ class Pilot:
 
     @property
     def place(self) -> Place | None:
-        """The place on the chosen route; ``None`` while it is not known."""
+        """The place on the chosen route; ``None`` while unknown."""
         return self._known if self.on_route else None
 
     @property
@@ -115,7 +115,7 @@ class Pilot:
             jax.block_until_ready((row, found))
 
     def start(self, place: LocalPosition, attitude: LocalAttitude, front_rad: float) -> None:
-        """From the first position and heading."""
+        """Start navigation from the first position and heading."""
         model = self._setup.navigator.model
         cos, sin = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
         ahead, left = float(model.gnss_x_m), float(model.gnss_y_m)
@@ -157,7 +157,7 @@ class Pilot:
             self._known = self._place(-1, self.result.leg, self.result.arc_m, self.result.travel)
             self._left_m = 0.0
         elif self._known is not None and math.isfinite(self.result.speed_mps):
-            # While the operator drives, the place goes on with the vehicle; after a while it is known no more.
+            # While the operator drives, the place moves with the vehicle; after a while it becomes unknown.
             way_m = self.result.speed_mps * sensed.step_s
             self._known = self._known._replace(at_m=self._known.at_m + self._known.travel * way_m)
             self._left_m += abs(way_m)
@@ -195,7 +195,7 @@ class Pilot:
     def _found(self, pose: Float[np.ndarray, " 3"], number: int) -> tuple[OnboardState, FoundPlaces]:
         assert self._state is not None
         state, row = acquire_compiled(self._setup, self.path, self._state, pose, np.int32(number))
-        # Converted as a whole: each element access on a device array is a program of its own.
+        # Converted as a whole, because each element access on a device array is a separate program.
         return state, FoundPlaces(*np.asarray(row))
 
     def _place(self, number: int, leg: float, arc_m: float, travel: float) -> Place:

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from lgprjax.navigation import RoutePath
 
 _SAME_M, APART_M, _AHEAD_M = 15.0, 2.0, 60.0
-"""How far a known place may be from where it was; by how much another must be farther; how far ahead is shown."""
+"""Largest distance of a known place from its last position, least excess distance of other places, and distance shown
+ahead, m."""
 
 
 class Place(NamedTuple):
@@ -22,7 +23,7 @@ class Place(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Its name for operator, request and recording."""
+        """Name of the place for operator, request and recording."""
         return f"{self.at_m:.1f} m {'along' if self.travel > 0 else 'against'}"
 
     @classmethod

@@ -134,7 +134,7 @@ class Control:
     def _came(self, tick: int) -> list[Record]:
         """Messages since the last tick, as recorded: line by line, then the rings.
 
-        Before the first of a relaunched process: what the operator chose.
+        In the first tick of a relaunched process the operator's choices come before them.
         """
         again = self._choices.again() if tick == 1 and self._started.after_death else []
         came: list[Record] = [record._replace(tick=tick) for record in again]

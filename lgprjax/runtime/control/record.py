@@ -42,27 +42,27 @@ class _LineRate:
         self._times.append(mono_ns)
 
     def state(self, now_ns: int) -> dict[str, Any]:
-        """For the page: messages per second, age of the newest, number of all."""
+        """State for the page: messages per second, age of the newest, total number."""
         newest_ns = self._times[-1] if self._times else None
         while self._times and now_ns - self._times[0] > _RATE_NS:
             self._times.popleft()
         age_s = math.nan if newest_ns is None else (now_ns - newest_ns) / 1e9
         if newest_ns is not None and not self._times:
-            # The newest is kept: its age is shown.
+            # The newest is kept, because its age is shown.
             self._times.append(newest_ns)
         fresh = sum(1 for time_ns in self._times if now_ns - time_ns <= _RATE_NS)
         return {"rate_hz": fresh / (_RATE_NS / 1e9), "age_s": age_s, "messages": self.count}
 
 
 class RecordCore:
-    """What a recording run knows of its lines.
+    """State of a recording run's lines.
 
     Args:
-        config: of a run that sends no commands; with a table ``coverage`` it is of a hand cart.
-        anchor: latitude, longitude and height of the frame of a process that died.
+        config: configuration of a run without commands; with a table ``coverage`` it is of a hand cart.
+        anchor: latitude, longitude and height of the frame of a dead process.
 
     Attributes:
-        unrecorded: messages dropped on their way to the recorder.
+        unrecorded: number of messages dropped on their way to the recorder.
 
     Raises:
         InputError: the vehicle file of a cart cannot be used.
@@ -94,11 +94,11 @@ class RecordCore:
             self._cart.warm_up()
 
     def step(self, tick: int, now_ns: int, came: list[Record]) -> list[Record]:
-        """A tick: records since the last one in, a state for the page out, ten times a second; of a cart rows of COVER.
+        """Run a tick: records since the last one in, a state for the page at 10 Hz out, and COVER rows of a cart.
 
         Args:
-            tick: its number, from 1.
-            now_ns: monotonic.
+            tick: number of the tick, from 1.
+            now_ns: monotonic time, ns.
             came: messages since the last tick, in order.
         """
         out: list[tuple[RecordKind, int, bytes]] = []
@@ -130,7 +130,7 @@ class RecordCore:
         return [*out, (RecordKind.COVER, *row)] if row is not None else out
 
     def state(self, tick: int, now_ns: int) -> dict[str, Any]:
-        """For the page and the terminal."""
+        """State for the page and the terminal."""
         place, attitude = self._gnss.place, self._gnss.attitude
         lines = {_LINES[source]: rate.state(now_ns) for source, rate in self._lines.items()}
         recorder = self._processes.get("recorder")
@@ -164,12 +164,12 @@ class RecordCore:
         return state
 
     def release(self, now_ns: int) -> None:
-        """Nothing was ever commanded, so there is nothing to release."""
+        """No effect, because nothing was commanded."""
         del now_ns
 
     @property
     def frame(self) -> LocalFrame | None:
-        """Of the trail; ``None`` before the first position."""
+        """Frame of the trail; ``None`` before the first position."""
         return self._gnss.frame
 
     def _take(self, record: Record) -> None:

@@ -32,7 +32,7 @@ from lgprjax.wire import Frame, decode
 
 _LOOSE_M = 2.0
 _STATED_NS = 2_000_000_000
-"""An accuracy of a message of its own is used for later positions for this long."""
+"""Time for which an accuracy from a separate message is used for later positions."""
 
 _ROLL_OLD_NS = 500_000_000
 
@@ -43,11 +43,12 @@ class LocalPosition(NamedTuple):
     """A position of the antenna in the local frame.
 
     Attributes:
-        time_ns: of measurement.
+        time_ns: time of measurement, ns.
         x_m, y_m, up_m: east, north and up of the frame's anchor.
-        sigma_m: white, per axis; for a fixed position from the configuration, else as reported, at least that.
-        reported_m: sigma as reported, at least that of the configuration, whatever the quality.
-        quality: of the position.
+        sigma_m: white standard deviation per axis; for a fixed position from the configuration, else as reported, at
+            least that.
+        reported_m: reported standard deviation, at least that of the configuration, for any quality.
+        quality: quality of the position.
     """
 
     time_ns: int
@@ -84,7 +85,7 @@ class GnssTick(NamedTuple):
 
 
 class _Stated(NamedTuple):
-    """The accuracy of a position, from a message of its own; the quality is that position's."""
+    """The accuracy of a position, from a separate message; the quality is that position's."""
 
     sigma_m: float
     quality: Quality
@@ -95,13 +96,13 @@ class GnssSenses:
     """Takes the line's messages one by one.
 
     Args:
-        frame: of map or plan; without one the first position becomes its anchor.
-        sensors: of the configuration.
-        level: positions are projected at the height of the frame's anchor, as those of a route without heights are.
+        frame: frame of map or plan; ``None``: the first position becomes its anchor.
+        sensors: sensor table of the configuration.
+        level: whether positions are projected at the height of the frame's anchor, as for a route without heights.
 
-    Attributes:
-        place, attitude: the newest of all; ``None`` before the first.
-        frame: of the positions; ``None`` before the first position if none was given.
+        Attributes:
+        place, attitude: newest position and attitude; ``None`` before the first.
+        frame: frame of the positions; ``None`` before the first position if none was given.
     """
 
     def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, *, level: bool = False) -> None:
@@ -114,7 +115,7 @@ class GnssSenses:
         self._roll: tuple[float, int] | None = None
         self._rates: list[TurnRate] = []
         self._new_place = self._new_attitude = False
-        # Accuracies come before or after their position: the newest of both, and the newest that belong together.
+        # Accuracies come before or after their position: the newest of each, and the newest matching pair.
         self._told: tuple[_Epoch, float] | None = None
         self._place_epoch: _Epoch | None = None
         self._stated: _Stated | None = None
@@ -136,7 +137,7 @@ class GnssSenses:
                 yaw = float(self.frame.yaw_of_heading(heading, np.array([self._longitude_deg]))[0])
                 if math.isfinite(turned.roll_deg):
                     self._roll = math.radians(turned.roll_deg), record.mono_ns
-                # A heading by itself (HDT beside PASHR) takes the roll of the message before.
+                # A heading without roll (HDT, when PASHR is sent too) takes the roll of the previous message.
                 roll = 0.0 if self._roll is None or record.mono_ns - self._roll[1] > _ROLL_OLD_NS else self._roll[0]
                 self.attitude = LocalAttitude(time_ns, yaw, roll, math.radians(turned.sigma_heading_deg))
                 self._new_attitude = True
@@ -161,7 +162,7 @@ class GnssSenses:
             np.array([stated.latitude_deg]), np.array([stated.longitude_deg]), np.array([height_m])
         )
         epoch, own_m = (sample.scale, stated.tow_s), stated.sigma_m
-        # A position with an accuracy of its own takes none of another message.
+        # A position with its own accuracy ignores that of another message.
         self._place_epoch = None if math.isfinite(own_m) else epoch
         reported_m = own_m if math.isfinite(own_m) else self._stated_m(epoch, stated.quality, arrival_ns)
         self._longitude_deg = stated.longitude_deg
@@ -186,9 +187,10 @@ class GnssSenses:
     def _stated_m(self, epoch: _Epoch, quality: Quality, arrival_ns: int) -> float:
         """The accuracy of a position that states none itself; NaN if unknown.
 
-        An accuracy often follows its position: until it comes, that of the position before holds. It does so only
-        briefly, and only for the same quality: the first position after a loss of the fix is metres off, not the
-        centimetre of the fixed one before.
+        An accuracy often follows its position: until it comes, that of the previous position holds, but only briefly
+            and
+        only for the same quality, because the first position after a loss of the fix is metres off, not the centimetre
+        of the last fixed one.
         """
         if self._told is not None and self._told[0] == epoch:
             self._stated = _Stated(self._told[1], quality, arrival_ns)
@@ -198,14 +200,14 @@ class GnssSenses:
         return stated.sigma_m
 
     def _sigmas_m(self, quality: Quality, reported_m: float) -> tuple[float, float]:
-        """``sigma_m`` and ``reported_m`` of a position; NaN: no accuracy is stated."""
+        """``sigma_m`` and ``reported_m`` of a position; ``reported_m`` NaN: no stated accuracy."""
         least, fixed = self._sensors.gnss_sigma_m, quality is Quality.FIXED
         # Without a stated accuracy, a position that is not fixed has metres of error.
         loose = max(least, reported_m) if math.isfinite(reported_m) else _LOOSE_M
         return least if fixed else loose, least if fixed and not math.isfinite(reported_m) else loose
 
     def _time_of(self, what: str, scale: GnssTimeScale, tow_s: float, arrival_ns: int) -> int | None:
-        """By the sample's stamp; a message without one is as old as its delay."""
+        """Monotonic time of a sample by its stamp; a message without one has its arrival time."""
         if scale is GnssTimeScale.NONE or not math.isfinite(tow_s):
             return arrival_ns
         delay_s = self._sensors.gnss_delay_s if what == "position" else 0.0
@@ -237,16 +239,16 @@ class BoxStatus(NamedTuple):
 
 
 class LineSenses:
-    """What every vehicle knows by its lines: GNSS/INS and the newest status of its box.
+    """Sensor data common to all vehicles: GNSS/INS and the newest status of the box.
 
     Args:
-        frame: of map or plan; without one the first position becomes its anchor.
-        sensors: of the configuration.
-        message: the status of its box.
+        frame: frame of map or plan; ``None``: the first position becomes its anchor.
+        sensors: sensor table of the configuration.
+        message: name of the box's status message.
         level: see ``GnssSenses``.
 
     Attributes:
-        box: the newest status; ``None`` before the first.
+        box: newest status; ``None`` before the first.
     """
 
     def __init__(self, frame: LocalFrame | None, sensors: SensorsTable, message: str, *, level: bool = False) -> None:
@@ -256,17 +258,17 @@ class LineSenses:
 
     @property
     def place(self) -> LocalPosition | None:
-        """The newest position of all."""
+        """Newest position."""
         return self._gnss.place
 
     @property
     def attitude(self) -> LocalAttitude | None:
-        """The newest attitude of all."""
+        """Newest attitude."""
         return self._gnss.attitude
 
     @property
     def frame(self) -> LocalFrame | None:
-        """That positions are in; ``None`` before the first where none was given."""
+        """Frame of the positions; ``None`` before the first if none was given."""
         return self._gnss.frame
 
     def take(self, record: Record) -> None:
@@ -281,7 +283,7 @@ class LineSenses:
                 self._take_status(self.box, anew=before is not None and before.frame.session != frame.session)
 
     def _take_status(self, box: BoxStatus, *, anew: bool) -> None:
-        """A status came; ``anew``: of a box that started anew and counts from zero."""
+        """Take a status; ``anew``: whether the box restarted and counts from zero."""
 
     def _step_s(self, now_ns: int) -> float:
         """A tick ends: since the last one."""
@@ -298,15 +300,16 @@ class Sensed(NamedTuple):
     """Data since the last tick, and the state at its end.
 
     Attributes:
-        step_s: since the last tick.
+        step_s: time since the last tick.
         yaw_rate_radps: mean of the gyro over the tick, its last value, or NaN if that is old.
-        place, attitude, fix: new in this tick; ``None`` if missing. The fix is a row of ``FIX``.
-        p_false: of the fix, else of the newest match, see ``FIX``; NaN without a match, or if unknown.
-        odometer_mps: mean speed since the last drive_status of the tick before; NaN without one.
-        travel_lost: the box started anew, or its odometer leapt: how far the vehicle went meanwhile is not known.
-        wheels: the last drive_status; ``None`` before the first.
-        foot_on_brake: in any drive_status since the last tick.
-        wheels_age_s: since it arrived; infinite before the first.
+        place, attitude, fix: new data of this tick; ``None`` if missing. The fix is a row of ``FIX``.
+        p_false: probability that the fix, else the newest match, is false, see ``FIX``; NaN without a match, or if
+            unknown.
+        odometer_mps: mean speed since the last drive_status of the previous tick; NaN without one.
+        travel_lost: whether the box restarted, or its odometer jumped, so that the travel meanwhile is unknown.
+        wheels: last drive_status; ``None`` before the first.
+        foot_on_brake: whether a foot was on the brake in any drive_status since the last tick.
+        wheels_age_s: time since the arrival of the last drive_status; infinite before the first.
     """
 
     step_s: float
@@ -326,8 +329,8 @@ class Senses(LineSenses):
     """Takes the lines' messages one by one.
 
     Args:
-        frame: of the map or the routes; without one the first position becomes its anchor.
-        sensors: of the configuration.
+        frame: frame of the map or the routes; ``None``: the first position becomes its anchor.
+        sensors: sensor table of the configuration.
         level: see ``GnssSenses``.
     """
 
@@ -394,7 +397,7 @@ class Senses(LineSenses):
         return self.fix if (now_ns - int(self.fix["scan_ns"])) / 1e9 <= _FIX_OLD_S else None
 
     def _mean_speed(self) -> float:
-        """From the box's own stamps, which do not jitter like arrivals."""
+        """Mean speed from the box's own stamps, which do not jitter like arrivals, m/s."""
         if self.box is None:
             return math.nan
         before, here = self._odometer, (self.box.time_ns, self.box.number("odometer_m"))
@@ -407,7 +410,7 @@ class Senses(LineSenses):
         if abs(way) > _FASTEST_MPS * step_s:
             self._lost = True
             return math.nan
-        # The odometer counts on while the box is not heard.
+        # The odometer continues to count while no status arrives.
         self.travel_m += way
         return way / step_s if step_s <= _STATUS_OLD_S else math.nan
 

@@ -17,18 +17,18 @@ from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.vehicle import LookAhead
 
 TICK_S = 0.02
-"""Of the control loop: 50 Hz."""
+"""Tick of the control loop, s: 50 Hz."""
 
 
 class LaidRoute(NamedTuple):
-    """A route of the configuration, ready to drive, or why it is not.
+    """A route of the configuration, ready to drive, or with its problem.
 
     Attributes:
-        name: of its file.
-        path: ``None`` if there is a problem.
-        length_m: of all legs.
-        points: for the display, at most 400, x and y.
-        problem: one line; empty if there is none.
+        name: name of its file.
+        path: path to drive; ``None`` if there is a problem.
+        length_m: length of all legs.
+        points: x and y of at most 400 points, for the display.
+        problem: description in one line; empty without a problem.
     """
 
     name: str
@@ -39,14 +39,14 @@ class LaidRoute(NamedTuple):
 
 
 class Loaded(NamedTuple):
-    """Everything read.
+    """Contents of the files of a run.
 
     Attributes:
-        vehicle: the file's contents.
-        setup: of the compiled step.
-        frame: of map and routes.
-        routes: in the order of the configuration; at least one without a problem.
-        hashes: of every file read, by its name in the configuration.
+        vehicle: contents of the vehicle file.
+        setup: setup of the compiled step.
+        frame: frame of map and routes.
+        routes: routes in the order of the configuration; at least one has no problem.
+        hashes: hash of every file read, by its name in the configuration.
     """
 
     vehicle: VehicleFile
@@ -123,7 +123,7 @@ def setup_of_vehicle(config: RuntimeConfig, vehicle: VehicleFile) -> OnboardSetu
 def _laid(
     config: RuntimeConfig, name: str, frame: LocalFrame | None, hashes: dict[str, str]
 ) -> tuple[LaidRoute, LocalFrame | None]:
-    """A route in a frame; in its own, where there is none yet."""
+    """A route in a frame; in its own frame if none is given."""
     file = config.path(name)
     try:
         chosen = read_route(file)

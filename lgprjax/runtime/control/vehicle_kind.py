@@ -39,7 +39,7 @@ class ReportedState(NamedTuple):
     """Last state reported to the mode machine, which receives changes only.
 
     Attributes:
-        sources, health, error, line: as reported; ``None`` before the first time.
+        sources, health, error, line: reported states; ``None`` before the first report.
     """
 
     sources: bool | None = None
@@ -52,17 +52,18 @@ class Seen(NamedTuple):
     """Conditions of a tick to report.
 
     Attributes:
-        mode: as driven; place: in the mode machine.
-        started: there is a pose.
+        mode: present mode.
+        place: position relative to the route in the mode machine.
+        started: whether there is a pose.
         route: one of the events ``ROUTE_*``: the vehicle's place relative to its route.
-        doubtful: the heading is not confirmed yet, which matters only until something is engaged.
-        reaction: a ``Reaction`` of navigation's health.
-        sources: everything that engaging needs is present.
-        line: the box and its line are good.
-        severity: the largest of the findings.
-        manual: findings other than the line's request manual mode or more.
-        failed: the limiter, or a late control loop, requests manual mode.
-        recorder_lost: the recording is mandatory and has failed.
+        doubtful: whether the heading is unconfirmed, which matters only until something is engaged.
+        reaction: ``Reaction`` of navigation's health.
+        sources: whether all inputs needed to engage are present.
+        line: whether the box and its line are good.
+        severity: largest severity of the findings.
+        manual: whether findings other than the line's request manual mode or more.
+        failed: whether the limiter, or a late control loop, requests manual mode.
+        recorder_lost: whether the recording is mandatory and has failed.
     """
 
     mode: Mode
@@ -112,26 +113,26 @@ _SAYS = {
     "output": "the corrected position is not being sent",
 }
 _KEPT = ("recorder", "coverage")
-"""What is mandatory with the recording."""
+"""Processes that are mandatory if the recording is."""
 _BESIDE = ("coverage", "output")
-"""Processes that the modes know nothing of."""
+"""Processes that the mode machine ignores."""
 
 
 class Processes:
     """Running processes.
 
     Args:
-        config: of the run.
+        config: configuration of the run.
 
-    Attributes:
-        alive: by name, of reported processes.
-        mandatory: without a recording the vehicle stops.
-        radar: the radar's reported state, in words.
+        Attributes:
+        alive: whether each reported process is alive, by name.
+        mandatory: whether the vehicle stops without a recording.
+        radar: texts of the radar's reported state.
     """
 
     def __init__(self, config: RuntimeConfig) -> None:
         self.alive: dict[str, bool] = {}
-        # A calibration is nothing without its recording, and its crew reads the page.
+        # A calibration needs its recording, and its crew reads the page.
         calibrates = config.mode == "calibrate"
         self.mandatory = config.recording.mandatory or calibrates
         self._kept = (*_KEPT, "display") if calibrates else _KEPT
@@ -216,17 +217,18 @@ class VehicleStatus(NamedTuple):
     """The vehicle's status for the modes.
 
     Attributes:
-        started: there is a pose.
-        place: one of the events ``ROUTE_*``; ``doubtful``: the heading is not confirmed yet.
-        reaction: a ``Reaction`` of navigation's health.
-        ages_s: age of each input that engaging needs, by what its absence is called.
-        line: the box's line is good, or the box has never been received.
-        severity: the largest of the findings; CONTINUE while the box has never been received.
-        manual: findings other than the line's request manual mode or more.
-        emergency: findings request cutting the power.
-        refuses: findings that inhibit engaging.
-        failed: the limiter requests manual mode.
-        why: all findings in words, the most severe first.
+        started: whether there is a pose.
+        place: one of the events ``ROUTE_*``.
+        doubtful: whether the heading is unconfirmed.
+        reaction: ``Reaction`` of navigation's health.
+        ages_s: age of each input that engaging needs, by the text of its absence.
+        line: whether the box's line is good, or the box has never been received.
+        severity: largest severity of the findings; CONTINUE while the box has never been received.
+        manual: whether findings other than the line's request manual mode or more.
+        emergency: whether findings request cutting the power.
+        refuses: whether findings inhibit engaging.
+        failed: whether the limiter requests manual mode.
+        why: texts of all findings, the most severe first.
     """
 
     started: bool
@@ -247,11 +249,11 @@ class Wish(NamedTuple):
     """Request of the modes for a tick.
 
     Attributes:
-        engaged: the computer controls the vehicle.
-        drives: and moves it.
-        stop: a controlled stop runs.
-        slowly: other processes require a slow speed.
-        set_speed_mps: that the operator locked.
+        engaged: whether the computer controls the vehicle.
+        drives: whether it moves the vehicle.
+        stop: whether a controlled stop runs.
+        slowly: whether other processes require a slow speed.
+        set_speed_mps: speed locked by the operator.
     """
 
     engaged: bool
@@ -316,7 +318,7 @@ class VehicleKind(Protocol):
         """Why nothing is engaged, if the kind has a better text than the modes; else empty."""
 
     def slow(self) -> list[str]:
-        """What caps the speed now, in words; empty if nothing does."""
+        """Texts of the reasons of the present speed cap; empty without one."""
 
     def notes(self) -> list[dict[str, Any]]:
         """Notes of this tick to record as events."""

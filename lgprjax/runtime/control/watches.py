@@ -51,7 +51,7 @@ from lgprjax.runtime.control.senses import BoxStatus, Sensed, chassis_belief, pe
 ODOMETER = Watch.ODOMETER_DEAD | Watch.ODOMETER_REVERSED | Watch.ODOMETER_SLIPS | Watch.SPEED_UNKNOWN
 _TOLD = STEERING | PEDALS
 _DOUBT_S = 3.0
-"""Time for which wheels that were found bad are not believed again while engaged: with GNSS gone the finding clears
+"""Time for which wheels found bad stay distrusted while engaged: with GNSS gone the finding clears
 although nothing has improved, and their zero would end a controlled stop at speed."""
 
 
@@ -68,11 +68,12 @@ class Watched(NamedTuple):
     """Results of the watches in a tick.
 
     Attributes:
-        bits: findings; severity: the largest.
-        events: of buttons, pedals, hands and motion, in their order.
-        front_rad: of the front wheels, by the potentiometer.
-        yaw_rate_radps: by the gyro, or without one by the wheels.
-        speed_known: the odometer may be used.
+        bits: findings.
+        severity: largest severity of the findings.
+        events: events of buttons, pedals, hands and motion, in their order.
+        front_rad: angle of the front wheels by the potentiometer.
+        yaw_rate_radps: yaw rate by the gyro, or without one by the wheels.
+        speed_known: whether the odometer may be used.
     """
 
     bits: Watch
@@ -84,12 +85,12 @@ class Watched(NamedTuple):
 
 
 class SharedWatches:
-    """Watches that every vehicle has: the box's line, the buttons, whether it moves.
+    """Watches common to all vehicles: the box's line, the buttons, the motion.
 
     Args:
-        control: of the configuration.
-        bits: of ``engage`` with which the computer controls the vehicle.
-        tests_brake: it has a brake, which must have passed its test.
+        control: control table of the configuration.
+        bits: bits of ``engage`` with which the computer controls the vehicle.
+        tests_brake: whether the vehicle has a brake, which must have passed its test.
     """
 
     def __init__(self, control: ControlTable, bits: int, *, tests_brake: bool) -> None:
@@ -112,14 +113,14 @@ class SharedWatches:
         """A tick: findings, and events of buttons and motion, in their order.
 
         Args:
-            status_age_s: of the box's newest status; infinite before the first.
-            box: its state and what it holds engaged, bits.
+            status_age_s: age of the box's newest status; infinite before the first.
+            box: bits of its state and of the functions that it holds engaged.
             engage: bits of the last command.
             statuses: buttons of the controller since the last tick, oldest first.
-            controller_age_s: since the newest one; infinite before the first.
-            hands: of the operator on the vehicle.
-            speed_mps: as far as it is believed, else NaN.
-            step_s: since the last tick.
+            controller_age_s: time since the newest status of the controller; infinite before the first.
+            hands: contacts of the operator on the vehicle.
+            speed_mps: trusted speed, else NaN.
+            step_s: time since the last tick.
         """
         state, held = box
         self._line, bits = step_line_watch(
@@ -149,8 +150,8 @@ class Watches:
     """The watches' states.
 
     Args:
-        config: of the run.
-        vehicle: its file's contents.
+        config: configuration of the run.
+        vehicle: contents of the vehicle file.
 
     Raises:
         InputError: a number required by the watches is not in the file.
@@ -170,7 +171,7 @@ class Watches:
 
     @property
     def torque_share(self) -> float:
-        """Share of the servo's torque that is left, as measured."""
+        """Measured remaining share of the servo's torque."""
         return self._torque.share
 
     def step(
@@ -186,18 +187,18 @@ class Watches:
         estimated_mps: float,
         limit_mps: float,
     ) -> Watched:
-        """A tick.
+        """Run a tick.
 
         Args:
-            sensed: of the tick.
-            sent: command of the last one.
-            now_ns: of this tick.
+            sensed: sensor data of the tick.
+            sent: command of the last tick.
+            now_ns: time of this tick, ns.
             statuses: buttons of the controller since the last tick, oldest first.
-            controller_age_s: since the newest one; infinite before the first.
-            heading_rad: by GNSS/INS, NaN without one.
-            cross_track_m: of the last tick.
-            estimated_mps: speed by the navigation, of the last tick; NaN before there is a pose.
-            limit_mps: of the speed, of the last tick; NaN before there is a pose.
+            controller_age_s: time since the newest status; infinite before the first.
+            heading_rad: heading by GNSS/INS, NaN without one.
+            cross_track_m: cross-track offset of the last tick.
+            estimated_mps: speed by navigation in the last tick; NaN before there is a pose.
+            limit_mps: speed limit of the last tick; NaN before there is a pose.
         """
         time_s, step_s = now_ns / 1e9, sensed.step_s
         steers = bool(sent.engage & STEERING)
@@ -242,9 +243,9 @@ class Watches:
         return Watched(bits, severity_of(bits), events, front, rate if math.isfinite(rate) else 0.0, speed_known)
 
     def _believed_mps(self, speed_mps: float, bits: Watch, engaged: bool, estimated_mps: float, step_s: float) -> float:
-        """Speed that decides whether the vehicle stands: the wheels' only while they are believed.
+        """Speed for the detection of standstill: the wheels' while they are trusted.
 
-        Else the navigation's, which GNSS carries; without GNSS none, which counts as too fast and never as standing.
+        Else navigation's, which relies on GNSS; without GNSS NaN, which counts as too fast and never as standstill.
         """
         off_s, step_s = (_DOUBT_S if engaged else 0.0), counted_step_s(step_s)
         self._doubt = step_dwell(self._doubt, bool(bits & ODOMETER), step_s, on_s=0.0, off_s=off_s)

@@ -1,4 +1,4 @@
-"""A plan as people look at it before it is driven: order of the swaths, ways in reverse, keep-outs, time."""
+"""Overview of a plan for the operator: order of the swaths, ways in reverse, keep-outs, time."""
 
 import math
 from typing import Any, NamedTuple
@@ -25,8 +25,8 @@ def turn_ways(pattern: Pattern, spacing_m: float = 0.2) -> TurnWays:
     """The ways between the swaths of a pattern, for pictures.
 
     Args:
-        pattern: as planned.
-        spacing_m: of the points, at most.
+        pattern: planned pattern.
+        spacing_m: largest spacing of the points.
     """
     ways: dict[bool, list[Float[np.ndarray, "_ 2"]]] = {True: [], False: []}
     for turn in pattern.turns:
@@ -40,11 +40,11 @@ def turn_ways(pattern: Pattern, spacing_m: float = 0.2) -> TurnWays:
 
 
 def plan_overview(plan: CoverPlan, speed_mps: float) -> dict[str, Any]:
-    """What the operator's page draws of a plan, in metres about its anchor, to the centimetre.
+    """Data of a plan for the operator's page, in metres about its anchor, to the centimetre.
 
     Args:
-        plan: of the field.
-        speed_mps: set on straight ways, for the time.
+        plan: plan of the field.
+        speed_mps: set speed on straight ways, for the time.
     """
     pattern, computed = plan.pattern, plan.computed_corner
     return {

@@ -1,7 +1,7 @@
-"""The coverage process: keeps the worked map from the control loop's rows, the tool's shape, and the marked corners.
+"""Coverage process: maintains the worked map from the control loop's rows, the tool's shape, and the marked corners.
 
 It is outside the control loop: its results do not affect driving, and may be late. After a restart it resumes the map
-of the last second; the record itself is kept by the recorder.
+of the last second; the recorder keeps the record itself.
 """
 
 import csv
@@ -30,7 +30,7 @@ from lgprjax.runtime.coverage.worked_map import OpenMap, WorkedMap, worked_runs
 from lgprjax.runtime.process import ProcessStage, Started
 
 CORNERS_FILE = "corners.csv"
-"""In the run's folder: the marked corners, in order."""
+"""File in the run's folder with the marked corners, in order."""
 _COLUMNS = ("latitude_deg", "longitude_deg", "sigma_m", "height_m")
 _IDLE_S = 0.02
 _TELL_S, _SHAPE_S = 1.0, 0.2
@@ -42,7 +42,7 @@ class CoverageProcess:
     """The process's state and its loop.
 
     Args:
-        started: of the process.
+        started: arguments of the process.
 
     Raises:
         InputError: vehicle file or plan cannot be used.
@@ -123,7 +123,7 @@ class CoverageProcess:
             writer.writerow(corner)
 
     def _tell(self) -> None:
-        """To the display: the shape five times a second, the map once a second if something is new."""
+        """Send to the display: the shape five times per second, the map once per second if something is new."""
         now_s = time.monotonic()
         held = self._map
         if self._newest is not None and now_s - self._shaped_s >= _SHAPE_S:
@@ -194,7 +194,7 @@ class CoverageProcess:
 
 
 def _largest_sigma_m(covariance: np.ndarray, shared_m: float) -> float | None:
-    """Of the position's larger axis, with the error that all positions share; ``None`` if it is not finite."""
+    """Standard deviation of the position's larger axis, with the shared error, m; ``None`` if not finite."""
     place = covariance[:2, :2]
     if not np.isfinite(place).all():
         return None

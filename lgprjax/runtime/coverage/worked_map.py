@@ -18,12 +18,14 @@ class WorkedMap:
     """The map.
 
     Args:
-        grid: of its cells.
-        tool: of the vehicle.
-        shared_sigma_m: an axis, of the error that all positions share.
+        grid: grid of the cells.
+        tool: tool of the vehicle.
+        shared_sigma_m: standard deviation per axis of the error shared by all positions.
 
-    Attributes:
-        grid: of its cells; moments: taken so far; full: part of the worked ground has no cells.
+        Attributes:
+        grid: grid of the cells.
+        moments: number of moments taken so far.
+        full: whether part of the worked ground has no cells.
     """
 
     full = False
@@ -45,18 +47,18 @@ class WorkedMap:
         """Continue from a saved map.
 
         Raises:
-            ValueError: it is of another grid.
+            ValueError: the map has another grid.
         """
         if grid != self.grid or probability.shape != grid.shape:
             raise ValueError(f"cells of {self.grid} expected, found {grid}")
         self._state = self._state._replace(probability=jnp.asarray(probability, jnp.float32))
 
     def move(self, east_m: float, north_m: float, probability: Float[np.ndarray, "north east"]) -> None:
-        """Lay the grid elsewhere: all positions become smaller by this much, and the cells are others.
+        """Move the grid: positions are reduced by the shift, and the cells are replaced.
 
         Args:
-            east_m, north_m: metres.
-            probability: of the cells there.
+            east_m, north_m: shift of the grid.
+            probability: probability of the cells at the new place.
         """
 
         def moved(at: WorkedStrip) -> WorkedStrip:
@@ -70,11 +72,11 @@ class WorkedMap:
         self._state = WorkedState(jnp.array(probability, jnp.float32), running)
 
     def take(self, cover: np.void, mono_ns: int) -> None:
-        """A row of ``COVER``.
+        """Take a row of ``COVER``.
 
         Args:
-            cover: the row.
-            mono_ns: its time; a gap since the previous row is not counted.
+            cover: row.
+            mono_ns: time of the row, ns; nothing is claimed over a gap since the previous row.
         """
         place = (cover["x_m"], cover["y_m"], cover["yaw_rad"], *cover["covariance"].ravel())
         if mono_ns - self._last_ns > LONGEST_COVER_STEP_NS:
@@ -94,18 +96,19 @@ class WorkedMap:
 _WINDOW_TOOLS, _EDGE_TOOLS = 12.0, 2.0
 """Side of the window, and distance of the tool from its edge, in widths and lengths of the tool together."""
 _MOST_CELLS = 16_000_000
-"""Of an open map: four hectares at 5 cm, 64 MB."""
+"""Largest number of cells of an open map: four hectares at 5 cm, 64 MB."""
 
 
 class OpenMap:
-    """The map of ground without a plan: a ``WorkedMap`` that moves with the tool, over cells that become more.
+    """The map of ground without a plan: a ``WorkedMap`` that moves with the tool, over a growing grid of cells.
 
     Args:
         cell_m: side of a cell.
         tool, shared_sigma_m: see ``WorkedMap``.
 
     Attributes:
-        grid: of the cells so far, from the anchor of the run; moments, full: see ``WorkedMap``.
+        grid: grid of the cells so far, relative to the anchor of the run.
+        moments, full: see ``WorkedMap``.
     """
 
     def __init__(self, cell_m: float, tool: Tool, shared_sigma_m: float) -> None:
@@ -120,7 +123,7 @@ class OpenMap:
 
     @property
     def moments(self) -> int:
-        """Taken so far."""
+        """Number of moments taken so far."""
         return self._window.moments
 
     def warm_up(self) -> None:
@@ -131,7 +134,7 @@ class OpenMap:
         """Continue from a saved map.
 
         Raises:
-            ValueError: its cells are of another size.
+            ValueError: the map's cells have another size.
         """
         if grid.cell_m != self.grid.cell_m or probability.shape != grid.shape:
             raise ValueError(f"cells of {self.grid.cell_m} m expected, found {grid}")
@@ -152,7 +155,7 @@ class OpenMap:
         self._window.take(row, mono_ns)
 
     def probability(self) -> Float[np.ndarray, "north east"]:
-        """Of the cells of ``grid``, as ``WorkedMap.probability``."""
+        """Probability of the cells of ``grid``, as ``WorkedMap.probability``."""
         self._put_down()
         return self._probability
 
@@ -175,7 +178,7 @@ class OpenMap:
         self._window.move(*moved, self._probability[self._place(first)])
 
     def _place(self, first: tuple[int, int]) -> tuple[slice, slice]:
-        """Of a window in the cells."""
+        """Slices of a window in the cells."""
         row, column = first[0] - self._row0, first[1] - self._column0
         return slice(row, row + self._side), slice(column, column + self._side)
 
@@ -193,7 +196,7 @@ class OpenMap:
             self._probability[place] = np.maximum(self._probability[place], self._window.probability())
 
     def _grow(self, first: tuple[int, int]) -> bool:
-        """Cells for a window; whether there are so many."""
+        """Extend the cells to a window; whether the number of cells allows it."""
         grid, side = self.grid, self._side
         low, high = first, (first[0] + side, first[1] + side)
         if grid.east_cells:
@@ -227,7 +230,8 @@ def worked_runs(
 ) -> tuple[int, list[list[int]]]:
     """Worked blocks of cells, as runs for a page.
 
-    A block counts as worked if all of its cells inside the field are: a coarse picture claims no more than the map.
+    A block counts as worked if all of its cells inside the field are: a coarse picture must not claim more than the
+        map.
 
     Args:
         worked: cells.

@@ -29,10 +29,10 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """Requirements of a request.
+    """Access rules of requests.
 
     Args:
-        config: of the run; ``display`` is used.
+        config: configuration of the run; ``display`` is used.
 
     Raises:
         InputError: the address is reachable by others and there is no token, or an origin is invalid.
@@ -52,8 +52,8 @@ class Access:
         """Whether the Host header names this server: a page of another name that resolves to it does not.
 
         Args:
-            headers: of the request.
-            server: address and port at which its connection came in.
+            headers: headers of the request.
+            server: local address and port of its connection.
         """
         hosts = _values(headers, b"host")
         known = self._own(server) | {urlsplit(origin).netloc for origin in self._origins}
@@ -124,7 +124,7 @@ MOST_A_SECOND = 5
 LONGEST_NAME = 200
 _WANTED = ({"select_route"}, {"select_route", "place"}, {"select_level"})
 Wanted = dict[str, Any]
-"""What is requested: names, or a level of confidence."""
+"""A request: names, or a level of confidence."""
 _LARGEST_NUMBER = 2**53  # largest exact integer of a browser
 
 
@@ -153,7 +153,7 @@ class RequestGate:
         self._times: deque[int] = deque(maxlen=MOST_A_SECOND)
 
     def judge(self, message: str | bytes | None, mono_ns: int) -> Wanted | Refused:
-        """What is requested, or why the message is refused.
+        """The request in a message, or the reason of its refusal.
 
         A route, ``select_route``, with the ``place`` on it if given; or a level of confidence, ``select_level``.
 

@@ -101,11 +101,11 @@ class Board:
         return json.dumps(said, allow_nan=False, separators=(",", ":"))
 
     def obstacle(self, wanted: Wanted, mono_ns: int) -> str | None:
-        """Why something cannot be requested now; ``None`` if it can. The control process decides again.
+        """Reason why a request is impossible now; ``None`` if it is possible. The control process decides again.
 
         Args:
-            wanted: by the page; see ``RequestGate.judge``.
-            mono_ns: monotonic time now.
+            wanted: request of the page; see ``RequestGate.judge``.
+            mono_ns: present monotonic time, ns.
         """
         if self._state is None or mono_ns - self._state_ns > STALE_NS:
             return "no data from the vehicle"

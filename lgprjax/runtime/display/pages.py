@@ -1,4 +1,4 @@
-"""The page's files and its websocket: the state to every viewer ten times a second, the newest only."""
+"""The page's files and its websocket: the state to every viewer ten times per second, the newest only."""
 
 import asyncio
 import json
@@ -50,9 +50,9 @@ class Guard:
     """An ASGI application that passes permitted requests to another one.
 
     Args:
-        app: behind it.
-        access: the rules.
-        counts: of refused requests, by reason.
+        app: application behind the guard.
+        access: access rules.
+        counts: number of refused requests, by reason.
     """
 
     def __init__(self, app: ASGIApp, access: Access, counts: Counter[str]) -> None:
@@ -145,13 +145,13 @@ class Pages:
     """The application.
 
     Args:
-        board: the state to show.
+        board: state to show.
         requests: ring to the control process.
-        access: the access rules.
+        access: access rules.
 
-    Attributes:
-        app: to serve.
-        counts: of refused requests, by reason.
+        Attributes:
+        app: application to serve.
+        counts: number of refused requests, by reason.
     """
 
     def __init__(self, board: Board, requests: Ring, access: Access) -> None:

@@ -16,7 +16,7 @@ from lgprjax.runtime.display.pages import MOST_CONNECTIONS, HttpConnection, Page
 from lgprjax.runtime.process import ProcessStage, Started
 
 ADDRESS_FILE = "display.url"
-"""In the folder of the rings: address of the page, for a port chosen by the system."""
+"""File in the folder of the rings with the address of the page, for a port chosen by the system."""
 _LOOK_S = 0.05
 _LOOKS_A_PUSH = 2
 _SEND_BUFFER = 32 << 10

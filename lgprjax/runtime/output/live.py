@@ -1,4 +1,4 @@
-"""The live view: scene, position, radargram and modes over the websocket that Foxglove speaks."""
+"""The live view: scene, position, radargram and modes over Foxglove's websocket protocol."""
 
 import contextlib
 import json
@@ -37,8 +37,8 @@ class LiveView:
     """A server of Foxglove's websocket protocol.
 
     Args:
-        started: rings ``view_state`` and ``view_scans`` are used.
-        frame: of the map.
+        started: arguments of the process; rings ``view_state`` and ``view_scans`` are used.
+        frame: frame of the map.
 
     Raises:
         InputError: the package of the extra live is missing, or the address cannot be listened at.
@@ -99,7 +99,7 @@ class LiveView:
         log("/pose", messages.PoseInFrame(frame_id="map", pose=pose))
 
     def close(self) -> None:
-        """Let go of all viewers."""
+        """Disconnect all viewers."""
         self._server.stop()
 
     def _show_state(self, state: dict[str, Any]) -> None:
@@ -135,7 +135,7 @@ class LiveView:
         from foxglove import log, messages
 
         image = np.stack(list(self._traces), axis=1)
-        # What is the same in every scan hides the ground.
+        # The constant part of all scans hides the ground.
         image = image - image.mean(axis=1, keepdims=True)
         scale = 3.0 * float(np.sqrt(np.mean(image**2))) + 1e-30
         grey = np.clip(127.5 + 127.5 * image / scale, 0.0, 255.0).astype(np.uint8)

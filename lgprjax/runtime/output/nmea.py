@@ -18,12 +18,12 @@ _REOPEN_S = 1.0
 
 
 class Given(NamedTuple):
-    """A position to give out.
+    """A position for output.
 
     Attributes:
-        utc_s: of the pose, seconds since 1970.
-        latitude_deg, longitude_deg, height_m: WGS-84 of the vehicle's antenna; height above the ellipsoid.
-        heading_deg: of the vehicle, clockwise from true north.
+        utc_s: time of the pose, seconds since 1970.
+        latitude_deg, longitude_deg, height_m: WGS-84 position of the vehicle's antenna; height above the ellipsoid.
+        heading_deg: heading of the vehicle, clockwise from true north.
         sigma_along_m, sigma_cross_m: standard deviations along and across the heading.
         quality: as in GGA: 0 none, 4 fixed, 5 float, 6 dead reckoning or doubtful.
     """
@@ -52,8 +52,8 @@ def horizontal_covariance(given: Given) -> tuple[float, float, float]:
 def sentences(given: Given) -> bytes:
     """GGA, HDT and GST of one moment. Without a position the fields are empty and the quality is 0.
 
-    The altitude is the height above the ellipsoid, its separation empty; satellites and HDOP are those of no receiver:
-    12 and 1.0, as receivers of some autopilots refuse fewer and more. What is known of the error is in GST.
+    The altitude is the height above the ellipsoid, with an empty separation; satellites and HDOP are constants, 12 and
+    1.0, because some autopilots refuse fewer satellites or a larger HDOP. GST has the actual error.
     """
     time = _clock(given.utc_s)
     numbers = given[1:7]
@@ -97,10 +97,10 @@ def _degrees(value: float, digits: int) -> str:
 
 
 class NmeaOutlets:
-    """Who gets the sentences: clients of a TCP port, and a serial line. Nobody can hold the others up.
+    """Receivers of the sentences: clients of a TCP port, and a serial line. A slow client does not delay the others.
 
     Raises:
-        InputError: the port cannot be listened at.
+        InputError: listening at the port fails.
     """
 
     def __init__(self, config: RuntimeConfig, table: OutputTable) -> None:
@@ -119,11 +119,11 @@ class NmeaOutlets:
 
     @property
     def address(self) -> tuple[str, int] | None:
-        """Where clients connect."""
+        """Address and port of the listener."""
         return None if self._listener is None else self._listener.getsockname()[:2]
 
     def send(self, data: bytes, now_s: float) -> None:
-        """To everybody; a client that does not read is let go."""
+        """Send data to all receivers; slow clients are disconnected."""
         if self._listener is not None:
             with contextlib.suppress(OSError):
                 client, _ = self._listener.accept()
@@ -143,7 +143,7 @@ class NmeaOutlets:
         self._send_serial(data, now_s)
 
     def close(self) -> None:
-        """Let go of everybody."""
+        """Disconnect all receivers."""
         for client in self._clients:
             client.close()
         if self._listener is not None:

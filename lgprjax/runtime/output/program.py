@@ -1,6 +1,6 @@
 """The output process: gives the corrected position out, and serves the live view.
 
-It only reads rings: whatever a client, a line or a viewer does cannot hold up what drives.
+It only reads rings, so that clients, lines and viewers cannot delay the control loop.
 """
 
 import signal
@@ -14,7 +14,7 @@ from lgprjax.runtime.output.nmea import NmeaOutlets, given_of, sentences
 from lgprjax.runtime.process import ProcessStage, Started
 
 ADDRESS_FILE = "nmea.address"
-"""In the folder of the rings: HOST:PORT of the sentences, for a port chosen by the system."""
+"""File in the folder of the rings with HOST:PORT of the sentences, for a port chosen by the system."""
 _IDLE_S = 0.005
 _OLD_NS = 1_000_000_000
 

@@ -33,7 +33,7 @@ _TELL_S = 0.1
 _STANDING_MPS = 0.05
 _STANDING_NS = 100_000_000
 _WAITING = 256  # scans: two seconds
-_REPEATED, _MOST_REPEATS = 4.0, 10  # factor on the covariance of a match that is told again, and its largest power
+_REPEATED, _MOST_REPEATS = 4.0, 10  # factor on the covariance of a repeated match, and its largest power
 
 
 class _Scan(NamedTuple):
@@ -59,8 +59,8 @@ class ScanQueue:
     """Scans on their way to their fixes: waiting for a prior, then searched. Without clock, ports or rings.
 
     Args:
-        search: the prepared search.
-        clock: of the radar's stamps, as known so far.
+        search: prepared search.
+        clock: clock of the radar's stamps so far.
         array_x_m, height_m: centre of the array ahead of the rear axle, and above the ground.
     """
 
@@ -73,7 +73,7 @@ class ScanQueue:
         self._repeats = 0
 
     def take(self, frame: Frame, arrival_ns: int) -> None:
-        """A radar_scan or radar_sweep that arrived."""
+        """Take an arrived radar_scan or radar_sweep."""
         scan_ns = self._clock.feed(frame.stamp_us, arrival_ns)
         if scan_ns is not None:
             self._waiting.append(_Scan(scan_ns, frame))
@@ -91,7 +91,7 @@ class ScanQueue:
         ready: list[_Scan] = []
         while self._waiting and len(ready) < TRACK_SCANS and priors.covers(self._waiting[0].time_ns):
             scan = self._waiting.popleft()
-            # At standstill ten scans a second are enough.
+            # At standstill ten scans per second are enough.
             if abs(priors.speed_mps) > _STANDING_MPS or scan.time_ns - self._searched_ns >= _STANDING_NS:
                 ready.append(scan)
                 self._searched_ns = scan.time_ns
@@ -125,7 +125,7 @@ class ScanQueue:
             own[number] |= scan.time_ns - self._told_ns >= _STANDING_NS
             if own[number]:
                 self._told_ns = scan.time_ns
-            # The same match again knows nothing new: all repeats together say a third of what it said.
+            # A repeated match adds no information: all repeats together have a third of its weight.
             self._repeats = 0 if found.searched[number] else min(self._repeats + own[number], _MOST_REPEATS)
             weight[number] = _REPEATED**self._repeats
         rows["code"] = np.where(own, fix.code, Code.NO_WINDOW)
@@ -218,7 +218,7 @@ class RegistrationProcess:
         self._radar.close()
 
     def _record_only(self) -> None:
-        """Until SIGTERM: take the scans, and tell the control process how many came."""
+        """Until SIGTERM: take the scans, and report their number to the control process."""
         told, told_s = 0, time.monotonic()
         while not self._ended:
             self._started.beat(ProcessStage.READY)

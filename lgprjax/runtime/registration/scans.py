@@ -50,7 +50,7 @@ class RadarDescription(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """As a map's provenance calls it."""
+        """Kind of recording in a map's provenance."""
         return "traces"
 
     @property
@@ -63,10 +63,10 @@ class SweepDescription(NamedTuple):
     """Scans of stepped-frequency sweeps; frequencies in Hz, the period in s.
 
     Attributes:
-        channels, steps: of a scan, the calibration channel not counted.
-        first_hz, step_hz: frequencies.
-        group_delay_ns: of the calibration channel's path.
-        scan_period_s: from scan to scan.
+        channels, steps: number of channels, without the calibration channel, and of frequency steps.
+        first_hz, step_hz: first frequency and step.
+        group_delay_ns: group delay of the calibration channel's path.
+        scan_period_s: period of the scans.
     """
 
     channels: int
@@ -78,22 +78,22 @@ class SweepDescription(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """As a map's provenance calls it."""
+        """Kind of recording in a map's provenance."""
         return "sweeps"
 
     @property
     def recorded(self) -> int:
-        """Numbers of a channel that its matrix takes: real parts, then imaginary parts."""
+        """Number of inputs of a channel's matrix: real parts, then imaginary parts."""
         return 2 * self.steps
 
     @property
     def frequencies_hz(self) -> Float[np.ndarray, " frequency"]:
-        """Of the steps."""
+        """Frequency of each step, Hz."""
         return self.first_hz + self.step_hz * np.arange(self.steps)
 
     @property
     def layout(self) -> SweepLayout:
-        """As a calibration states it."""
+        """Layout of the sweeps, for comparison with a calibration."""
         return SweepLayout(self.channels, self.frequencies_hz, self.group_delay_ns)
 
 
@@ -101,21 +101,21 @@ AnyDescription = RadarDescription | SweepDescription
 
 
 class LookUpSweeps(NamedTuple):
-    """What the array received in empty space, and its calibration sweep then."""
+    """Sweeps of the array in empty space, with their calibration sweep."""
 
     sweeps: Complex[np.ndarray, "channel frequency"]
     calibration: Complex[np.ndarray, " frequency"]
 
 
 class RadarSelf:
-    """What a radar says of itself, message by message.
+    """Self-description of a radar, message by message.
 
     Args:
-        calibrated: a calibration file replaces the look-up of a stepped-frequency radar.
+        calibrated: whether a calibration file replaces the look-up of a stepped-frequency radar.
 
     Attributes:
-        description: as far as received; ``None`` before.
-        lookup: of a stepped-frequency radar, unless it is replaced.
+        description: received description; ``None`` before.
+        lookup: look-up of a stepped-frequency radar, unless it is replaced.
     """
 
     def __init__(self, *, calibrated: bool = False) -> None:
@@ -133,7 +133,7 @@ class RadarSelf:
         """Take a frame of its line.
 
         Raises:
-            ValueError: it describes other scans than before: the compiled programs are not for these.
+            ValueError: the frame describes other scans than before, for which the compiled programs are wrong.
         """
         found: AnyDescription | None = None
         if frame.name == "radar_description":
@@ -210,13 +210,13 @@ class TraceReader:
 
 
 class SweepReader:
-    """Stepped-frequency sweeps: divided by the calibration channel, look-up subtracted, channels alike.
+    """Stepped-frequency sweeps: divided by the calibration channel, look-up subtracted, channels equalised.
 
     Args:
-        radar: as it describes itself.
+        radar: description of the radar.
         known: look-up, and gain and delay of each channel.
         block: largest number of scans read at once; a compiled shape.
-        place: for messages.
+        place: path or address, for messages.
 
     Raises:
         InputError: the look-up's calibration sweep has zeros, or has other sizes than the scans.
@@ -256,10 +256,10 @@ class SweepReader:
         return np.asarray(stacked(ground))[kept], stated & np.asarray(usable)[kept] & self._alive
 
     def operators(self, settings: ChainSettings, kept: int, height_m: float) -> Operators:
-        """The matrices of its sweeps.
+        """Matrices of the sweeps.
 
         Raises:
-            InputError: they miss most of the map's band.
+            InputError: the sweeps miss most of the map's band.
         """
         frequencies_hz, delay_ns = self._radar.frequencies_hz, self._radar.group_delay_ns
         low_hz, high_hz = settings.band_low_hz, settings.band_high_hz
@@ -279,7 +279,7 @@ class SweepReader:
         return operator
 
     def _look_for_dead(self, rows: Complex[np.ndarray, "row frequency"]) -> None:
-        """By the first scans, once."""
+        """Detect dead channels once, by the first scans."""
         if len(self._head) == HEAD_SCANS:
             return
         self._head.append(rows)
@@ -289,7 +289,7 @@ class SweepReader:
 
 
 def _rows_of(frame: Frame) -> Complex[np.ndarray, "row frequency"] | None:
-    """The sweeps of a radar_sweep; ``None`` if they are of numbers that nobody knows."""
+    """The sweeps of a radar_sweep; ``None`` for an unknown number format."""
     try:
         return complex_rows(frame)
     except ValueError:

@@ -50,7 +50,7 @@ from lgprjax.runtime.registration.scans import (
 from lgprjax.runtime.ring import Ring
 from lgprjax.wire import Frame, Sender, draw_session
 
-# Tiles prepared before the vehicle reaches them: in a thread, on a map object of its own.
+# Tiles prepared before the vehicle reaches them: in a thread, on a separate map object.
 
 AHEAD_M = (0.0, 1.0, 2.0, 3.0)
 """Distances ahead of the array at which tiles are prepared; the first is at the array."""
@@ -60,8 +60,8 @@ _SLACK_M = 0.5  # extent of the search's lattice beyond its region, up to a step
 class TilesAhead:
     """A thread that prepares requested tiles, the newest request first.
 
-    What it computes releases the interpreter, so that the search runs in parallel; its tiles are handed over when the
-    search asks (``PreparedGround.hold``), never modified concurrently.
+    Its computations release the interpreter, so that the search runs in parallel; tiles are handed over on request of
+    the search (``PreparedGround.hold``), never modified concurrently.
     """
 
     def __init__(self, source: MapFile, array: ArrayGeometry, options: RegisterOptions) -> None:
@@ -158,21 +158,23 @@ def options_of(config: RuntimeConfig) -> RegisterOptions:
 
 
 class Search:
-    """Scans of one drive to fixes.
+    """Search that converts scans of one drive to fixes.
 
     Args:
-        config: of the run.
-        vehicle: its file's contents.
-        source: the map, open as long as the search; also used for the tiles ahead.
-        radar: its description; lookup: of a stepped-frequency radar without a calibration file.
+        config: configuration of the run.
+        vehicle: contents of the vehicle file.
+        source: map, open as long as the search.
+        beside: the same map opened again, for the tiles ahead.
+        radar: description of the radar.
+        lookup: look-up of a stepped-frequency radar without a calibration file.
 
     Attributes:
-        array: geometry.
-        drive: the search.
-        ahead: makes tiles ready.
+        array: geometry of the array.
+        drive: search of the drive.
+        ahead: thread that prepares tiles.
 
     Raises:
-        InputError: radar and map, or radar and calibration, do not fit; the vehicle file has no place of the array.
+        InputError: radar and map, or radar and calibration, do not fit; the vehicle file lacks the array's position.
     """
 
     def __init__(
@@ -191,7 +193,7 @@ class Search:
             raise InputError(url, "radar_description", f"{known.channels} channels", f"{radar.channels}")
         made_of = source.provenance.get("recording", "traces")
         if radar.kind != made_of:
-            # Their levels over depth differ, and a vehicle has no drive behind it to measure them on.
+            # Their levels over depth differ, and on board there is no earlier drive to measure them on.
             raise InputError(url, "radar_description", f"{made_of}, as in the map", radar.kind)
         options, path = options_of(config), config.path(config.vehicle)
         self.array: ArrayGeometry = array_of_vehicle(
@@ -277,11 +279,11 @@ class Search:
             yield LiveBlock((traces if known else noise).astype(np.float32), stations.valid, own)
 
     def feed(self, frames: list[Frame], track: Track) -> tuple[DriveFixes, Bool[np.ndarray, "scan channel"]]:
-        """Fixes of at most ``TRACK_SCANS`` scans, and the channels of each that were used.
+        """Fixes of at most ``TRACK_SCANS`` scans, and mask of the channels used.
 
         Args:
-            frames: radar_scan or radar_sweep.
-            track: of them.
+            frames: radar_scan or radar_sweep frames.
+            track: priors and motion of the scans.
         """
         recorded, valid = self._reader.read(frames)
         return self.drive.feed(LiveBlock(recorded, valid, track)), valid
@@ -299,7 +301,7 @@ class PriorTrack:
 
     Args:
         array_x_m: centre of the array ahead of the rear axle.
-        height_m: of the array.
+        height_m: height of the array.
     """
 
     def __init__(self, array_x_m: float, height_m: float) -> None:
@@ -308,7 +310,7 @@ class PriorTrack:
         self._ended = False
 
     def take(self, payload: bytes) -> None:
-        """Take a prior; an invalid one ends the known track: travel before and after it have nothing in common."""
+        """Take a prior; an invalid one ends the known track, because travel before and after it is unrelated."""
         prior = np.frombuffer(payload, PRIOR)[0]
         if not prior["valid"]:
             self._held.clear()
@@ -365,7 +367,7 @@ class PriorTrack:
 
     @property
     def speed_mps(self) -> float:
-        """Of the last prior."""
+        """Speed of the last prior, m/s."""
         return float(self._held[-1]["speed_mps"]) if self._held else 0.0
 
 
@@ -413,15 +415,16 @@ ERRORS = {
 
 
 class RadarLine:
-    """The port and the radar's orders.
+    """The radar's line: its port, and commands to the radar.
 
-    A radar that scans already, as after a restart of this process, has received its orders.
+    A radar that scans already, as after a restart of this process, has received its commands.
 
     Args:
-        port: of the line.
-        table: of the configuration.
-        log: ring to the recorder; control: ring to the control process.
-        clock_ns: monotonic; a lock-step run has its own.
+        port: port of the line.
+        table: radar table of the configuration.
+        log: ring to the recorder.
+        control: ring to the control process.
+        clock_ns: monotonic clock, ns; a lock-step run has its own.
     """
 
     def __init__(

@@ -13,11 +13,11 @@ class DeviceSender(Sender):
     """Numbers and stamps a device's frames.
 
     Args:
-        session: of this start.
-        epoch_us: what the device's clock shows when the world's shows 0.
+        session: session number of this start.
+        epoch_us: reading of the device's clock at time 0 of the world, µs.
 
     Attributes:
-        stuck: a fault: the counter repeats.
+        stuck: fault: the counter repeats.
     """
 
     def __init__(self, session: int, epoch_us: int) -> None:
@@ -26,7 +26,7 @@ class DeviceSender(Sender):
         self.stuck = False
 
     def frame(self, name: str, fields: Mapping[str, Value], *, mode: int, mono_ns: int, ttl_ms: int = 0) -> bytes:
-        """The next frame's bytes; ``mono_ns`` is of the world's clock."""
+        """Bytes of the next frame; ``mono_ns`` is a time of the world's clock."""
         number = self._sequence
         raw = super().frame(name, fields, mode=mode, mono_ns=self._epoch_ns + mono_ns, ttl_ms=ttl_ms)
         if self.stuck:
@@ -35,13 +35,13 @@ class DeviceSender(Sender):
 
 
 class HostListener:
-    """The host's frames on one line that a device acts on.
+    """Frames of the host that a device accepts on one line.
 
     Args:
-        line: its name.
+        line: name of the line.
 
     Attributes:
-        mode: of the host's last frame.
+        mode: mode in the host's last frame.
     """
 
     def __init__(self, line: str) -> None:
@@ -49,14 +49,14 @@ class HostListener:
         self._parser, self._rules = FrameParser(), Receiver(line, "host")
 
     def feed(self, data: bytes, now_ns: int) -> Iterator[Frame]:
-        """Frames that are accepted."""
+        """Accepted frames in the data."""
         for frame in self._parser.feed(data):
             if isinstance(frame, Frame) and self._rules.accept(frame, now_ns) is FrameVerdict.ACCEPTED:
                 self.mode = frame.mode
                 yield frame
 
     def reconnect(self) -> None:
-        """The connection is another one: half a frame of the old one is nobody's."""
+        """Start a new connection; a partial frame of the old one is dropped."""
         self._parser = FrameParser()
 
 
@@ -70,13 +70,14 @@ _LEAST_SUPPLY_V = 10.0
 
 
 class HostedBox(ABC):
-    """The logic that boxes share; times are nanoseconds of the world's clock, passed in.
+    """Common logic of the boxes; times are arguments in nanoseconds of the world's clock.
 
     Attributes:
-        mode: that the host was in when it last was heard; ``mode_since_ns`` since when.
-        held: what is held engaged, bits.
-        refused: frames refused since start.
-        bus_off: a fault: nothing is heard.
+        mode: mode in the host's last frame.
+        mode_since_ns: time since which the host is in this mode.
+        held: bits of the functions held engaged.
+        refused: number of frames refused since start.
+        bus_off: fault: no frames are received.
     """
 
     def __init__(self, sender: DeviceSender) -> None:
@@ -93,11 +94,11 @@ class HostedBox(ABC):
         self._supply_v = 24.0
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Bytes that came over the line."""
+        """Process bytes from the line."""
         self.take(self._parser.feed(data), now_ns)
 
     def take(self, frames: Iterable[Frame | RefusedBytes], now_ns: int) -> None:
-        """Frames that came, and bytes that are none."""
+        """Process received frames and invalid bytes."""
         self._let_time_pass(now_ns)
         for frame in frames:
             if isinstance(frame, RefusedBytes) or self.bus_off:
@@ -138,7 +139,7 @@ class HostedBox(ABC):
         """The host has released everything."""
 
     def _fall(self, *, cut: bool = False) -> None:
-        """To the defaults; ``cut``: with the power cut."""
+        """Change to the default state; ``cut``: whether the power is cut."""
         del cut  # further effects of a cut are specific to a box
         self._default, self._armed, self.held = True, False, self.held & POWER_CUT
 
@@ -194,13 +195,13 @@ class DriveCommandMessage(NamedTuple):
 
 
 class ActuatorOrders(NamedTuple):
-    """Orders of the box to its actuators.
+    """Commands of the box to its actuators.
 
     Attributes:
-        steering: its servo has torque and turns the wheels to ``front_rad``.
-        pedals: it holds the pedals at ``throttle``; without it the throttle is the operator's.
-        brake: at least this much is braked.
-        cut: the engine has no power.
+        steering: whether the servo has torque and turns the wheels to ``front_rad``.
+        pedals: whether the box holds the throttle at ``throttle``; otherwise the operator controls it.
+        brake: least brake command.
+        cut: whether the engine's power is cut.
     """
 
     steering: bool
@@ -295,7 +296,7 @@ class DriveBox(HostedBox):
                 self._test_since_ns = None
 
     def _begin_test(self, now_ns: int) -> None:
-        # A host repeats its command: the test that runs goes on.
+        # A host repeats its command: the running test continues.
         running = self._test_since_ns is not None
         if not running and self.held == 0 and not self._default and abs(self._speed_mps) <= _ROLLS_MPS:
             self._test_since_ns, self._tested = now_ns, 0
@@ -320,8 +321,8 @@ class SkidActing(NamedTuple):
     """Inputs acting on the vehicle.
 
     Attributes:
-        left_mps, right_mps: of the tracks.
-        tool_m: depth that the tool is to turn at; ``None``: off and raised.
+        left_mps, right_mps: commanded speeds of the tracks.
+        tool_m: commanded depth of the running tool; ``None``: off and raised.
     """
 
     left_mps: float
@@ -354,12 +355,12 @@ class SkidBox(HostedBox):
         self.command = SkidCommandMessage()
 
     def acting(self, now_ns: int, remote: SkidActing, supply_v: float) -> SkidActing:
-        """Present orders to its actuators.
+        """Present commands to the actuators.
 
         Args:
-            now_ns: of the world's clock.
-            remote: what the remote control asks for.
-            supply_v: of the box.
+            now_ns: time of the world's clock.
+            remote: inputs of the remote control.
+            supply_v: supply voltage of the box.
         """
         self._supply_v = supply_v
         self._let_time_pass(now_ns)
@@ -380,7 +381,7 @@ class SkidBox(HostedBox):
             self._engage(frame, self.command.engage, DRIVE, now_ns)
 
     def _let_go(self) -> None:
-        """Nothing more: the remote control has the vehicle."""
+        """Release without further effect, because the remote control has the vehicle."""
 
 
 # The operator's controller: buttons to the host, a light back.
@@ -408,12 +409,12 @@ class ControllerBox:
         self._lit, self._told_ns = False, -_LIGHT_LASTS_NS
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Bytes that came over the line."""
+        """Process bytes from the line."""
         for frame in self._listener.feed(data, now_ns):
             self._lit, self._told_ns = frame.fields["light"] == 1, now_ns
 
     def lit(self, now_ns: int) -> bool:
-        """Whether the light is on; it goes out when nobody feeds it."""
+        """Whether the light is on; it goes out without fresh frames."""
         return self._lit and now_ns - self._told_ns <= _LIGHT_LASTS_NS
 
     def status(self, due_ns: int, buttons: int) -> bytes:

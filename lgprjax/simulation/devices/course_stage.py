@@ -40,25 +40,26 @@ from lgprjax.simulation.devices.world import GAIN_DRIFT, CourseWorld, Sample, Tr
 from lgprjax.simulation.vehicle_plans import MANOEUVRES, stand_still, true_vehicle
 from lgprjax.wire import Sender, Value, decode
 
-# What a run of the devices on a course is asked for.
+# Specification of a run of the devices on a course.
 
 
 class CourseSpec(StageSpec):
-    """A run of the devices on a course; see ``StageSpec``.
+    """Specification of a run of the devices on a course; see ``StageSpec``.
 
     Attributes:
-        seed, length_m, scan_share: of the course, see ``OffRoad``.
-        weather: of the day.
-        drive_seed: of the day and of all errors.
-        recording, gain_drift: of the radar: finished traces, or stepped-frequency sweeps; see ``CourseWorld``.
-        in_view: of a radar of sweeps: the ground; nothing, or a metal plate.
-        gnss_slow_m: sigma of the slow error of positions against the map, an axis.
-        map: the course's map, whose frame poses are in; "" where there is none yet: the site's own frame.
-        host: what it does: drive, record, or record without a radar; times of the script count from when it does so.
-        start_m: way along the baseline at which the vehicle stands.
+        seed, length_m, scan_share: parameters of the course, see ``OffRoad``.
+        weather: weather of the day.
+        drive_seed: seed of the day and of all errors.
+        recording: kind of the radar's data: finished traces, or stepped-frequency sweeps.
+        gain_drift: drift of the receiver's gain, see ``CourseWorld``.
+        in_view: view of a radar that records sweeps: the ground, empty space, or a metal plate.
+        gnss_slow_m: standard deviation per axis of the slow position error in the map's frame.
+        map: path of the course's map, which gives the frame of poses; "": the site's own frame.
+        host: task of the host: drive, record, or record without a radar; times of the script count from its start.
+        start_m: start position of the vehicle along the baseline.
         vehicle: numbers of ``TrueVehicle`` that differ from its defaults.
-        manoeuvre: of a calibration, that is driven by hand on level ground, see ``MANOEUVRES`` of ``vehicle_plans``:
-            its kind, or stand, and its numbers; empty: the course is driven.
+        manoeuvre: kind (or "stand") and numbers of a calibration manoeuvre driven by hand on level ground, see
+            ``MANOEUVRES`` of ``vehicle_plans``; empty: the course is driven.
     """
 
     seed: int
@@ -102,10 +103,10 @@ class CourseStage(Stage[DriveBox, Tick]):
     """A counter-steered vehicle with a radar on a course; see ``Stage``.
 
     Args:
-        spec: what is asked for.
-        world: its course.
-        file: where it was read, for messages.
-        begin_ns: when the world begins.
+        spec: specification of the run.
+        world: world of the course.
+        file: file of the specification, for messages.
+        begin_ns: start time of the world.
 
     Raises:
         InputError: the spec's script or faults cannot be used.
@@ -184,7 +185,7 @@ class CourseStage(Stage[DriveBox, Tick]):
             self.radar.put(rows)
 
     def skip(self, tick: Tick) -> int:
-        """Leave a tick's scans out, and say how many they are."""
+        """Leave out a tick's scans, and return their number."""
         self.put_scans(tick, [None] * self.world.scans_a_tick)
         return self.world.scans_a_tick
 

@@ -12,18 +12,18 @@ from lgprjax.errors import InputError
 # When the items of a script, or faults, begin and end.
 
 READY_MODE = 2
-"""Moments count from the first command that said so."""
+"""Mode of the host's command from which times count first."""
 
 
 class Moment(NamedTuple):
-    """Conditions that start items.
+    """Present values of the conditions that start items.
 
     Attributes:
-        now_s: of the world's clock.
-        since_ready_s: since the host first was ready; ``None`` before.
-        way_m: driven.
-        mode: of the host's last command; it has been that for ``mode_for_s``.
-        arrivals: places that the operator of a field has driven to.
+        now_s: time of the world's clock.
+        since_ready_s: time since the host first was ready; ``None`` before.
+        way_m: distance driven.
+        mode, mode_for_s: mode in the host's last command, and time in this mode.
+        arrivals: number of places that the operator of a field has driven to.
     """
 
     now_s: float
@@ -39,11 +39,11 @@ class ScriptItem:
     """A line of a script or a fault.
 
     Attributes:
-        name: what happens.
-        numbers: its own keys.
-        for_s: how long.
-        at_s, at_way_m, at_arrival, after: when it begins, one of them; ``after`` is (mode, for so long).
-        every_s: with at_s, it begins again so much later, and again.
+        name: action or fault.
+        numbers: values of the item's own keys.
+        for_s: duration.
+        at_s, at_way_m, at_arrival, after: start condition, exactly one; ``after`` is (mode, time in it).
+        every_s: period of repetition, with ``at_s``.
     """
 
     name: str
@@ -56,7 +56,7 @@ class ScriptItem:
     every_s: float | None = None
 
     def begins(self, moment: Moment) -> bool:
-        """Whether its time has come."""
+        """Whether the start condition holds."""
         if self.at_s is not None:
             return moment.since_ready_s is not None and moment.since_ready_s >= self.at_s
         if self.at_way_m is not None:
@@ -68,7 +68,7 @@ class ScriptItem:
         return moment.since_ready_s is not None and moment.mode == mode and moment.mode_for_s >= for_s
 
     def again(self) -> "ScriptItem":
-        """The same, to begin once more."""
+        """The item with its next start time."""
         assert self.at_s is not None
         assert self.every_s is not None
         return replace(self, at_s=self.at_s + self.every_s)
@@ -100,18 +100,18 @@ def read_items(
     known: Mapping[str, tuple[str, ...]],
     lasts_s: Mapping[str, float],
 ) -> list[ScriptItem]:
-    """Items of a list of tables.
+    """Read items from a list of tables.
 
     Args:
-        file, place: for messages.
-        rows: the tables.
-        key: that names what happens.
-        known: names, and the keys that each demands.
-        lasts_s: how long each lasts where it does not say; for ever where it is not here.
+        file, place: file and place of the list, for messages.
+        rows: tables of the items.
+        key: key of an item's name.
+        known: required keys of each known name.
+        lasts_s: default duration of each name; names without one last for ever.
 
     Raises:
-        InputError: a name or key is not known, is missing, or there is not one beginning; a value is no number, or
-            outside its range.
+        InputError: a name or key is unknown or missing, an item has not exactly one start condition, or a value is not
+            a number or out of range.
     """
     items = []
     for number, row in enumerate(rows, 1):
@@ -253,7 +253,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "supply_sag": ("v",),
     "second_master": (),
 }
-"""Faults by name, and what each must say of itself.
+"""Faults by name, with their required keys.
 
 ``m`` of ``gnss_jump`` is [east, north], of ``radar_wrong_place`` [along, left]; ``line`` is drive_by_wire, controller,
 gnss or radar. A fault of a line acts on both of its ways; ``gnss`` and the other way of a repeating counter have none.

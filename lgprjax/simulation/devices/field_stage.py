@@ -32,19 +32,19 @@ from lgprjax.simulation.devices.stage import Stage, StageKind, StageSpec
 from lgprjax.simulation.devices.vehicle import TruthRows
 from lgprjax.vehicle.kinematics import VehiclePose, WheelSpeeds
 
-# What a run of the devices in a field is asked for.
+# Specification of a run of the devices in a field.
 
 
 class FieldSpec(StageSpec):
-    """A run of the devices in a field; see ``StageSpec``. The script is the operator's.
+    """Specification of a run of the devices in a field; see ``StageSpec``. The script is the operator's.
 
     Attributes:
-        anchor: latitude and longitude (degrees) and height of the plan's frame, which poses are in.
-        start: pose of the reference point at which the vehicle stands.
-        track_m, gnss_x_m, gnss_y_m, threshold_mps: of the true vehicle.
-        wheel_scale: what the tracks' sensors read too much by, as a share.
-        seed: of slips and errors.
-        host: what it does; times of the script count from when it drives, or at once.
+        anchor: latitude and longitude (degrees) and height of the plan's frame, the frame of poses.
+        start: start pose of the reference point.
+        track_m, gnss_x_m, gnss_y_m, threshold_mps: track width, antenna and control threshold of the true vehicle.
+        wheel_scale: relative scale error of the tracks' sensors.
+        seed: seed of slips and errors.
+        host: task of the host; times of the script count from its readiness to drive, or from the start to record.
     """
 
     anchor: tuple[float, float, float]
@@ -83,7 +83,7 @@ FIELD_FAULTS: dict[str, tuple[str, ...]] = {
     "tool_stops": (),
     "tool_depth": ("m",),
 }
-"""Faults by name, and what each must say of itself. ``left_dead``: of the sensor; ``tool_depth``: m deeper."""
+"""Faults by name, with their required keys. ``left_dead``: dead sensor; ``tool_depth``: m deeper."""
 
 
 # The skid-steer vehicle behind the devices: plant and navigation sensors stepped in one compiled call.
@@ -96,10 +96,10 @@ class FlailMoved(NamedTuple):
     """The vehicle at a tick's end, in the plan's frame, and its sensor readings.
 
     Attributes:
-        x_m, y_m, yaw_rad, speed_mps: true, of the reference point.
-        left_mps, right_mps: of the tracks, as measured.
-        gnss_east_m, gnss_north_m, gnss_sigma_m, gnss_age_s, gnss_valid: of the antenna.
-        turn_rad, span_s, turn_valid: by the INS since it last spoke.
+        x_m, y_m, yaw_rad, speed_mps: true pose and speed of the reference point.
+        left_mps, right_mps: measured speeds of the tracks.
+        gnss_east_m, gnss_north_m, gnss_sigma_m, gnss_age_s, gnss_valid: GNSS reading of the antenna.
+        turn_rad, span_s, turn_valid: turn and time since the last delta heading of the INS.
     """
 
     x_m: float
@@ -119,15 +119,15 @@ class FlailMoved(NamedTuple):
 
 
 class Flail:
-    """A vehicle at standstill at a pose.
+    """A simulated skid-steer vehicle, initially at standstill.
 
     Args:
-        track_m: effective.
+        track_m: effective track width.
         gnss_x_m, gnss_y_m: antenna in the body.
-        threshold_mps: its control threshold; 0 obeys everything.
+        threshold_mps: control threshold; 0: none.
         start: pose of the reference point in the plan's frame.
-        wheel_scale: what the tracks' sensors read too much by, as a share.
-        seed: of slips and errors.
+        wheel_scale: relative scale error of the tracks' sensors.
+        seed: seed of slips and errors.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Flail:
     ) -> None:
         plant = default_skid_plant(track_m=track_m)._replace(threshold_mps=jnp.float32(threshold_mps))
         sensors = default_skid_sensors(tick_s=TICK_S, gnss_x_m=gnss_x_m, gnss_y_m=gnss_y_m)
-        # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
+        # NumPy arrays, which a compiled function takes directly: transfers of each would cost as much as the call.
         self._fixed: tuple[SkidPlant, SkidSensors] = jax.tree.map(np.asarray, (plant, sensors))
         slips, errors, self._noise = jax.random.split(jax.random.key(seed), 3)
         pose = VehiclePose(*(jnp.float32(number) for number in start))
@@ -207,7 +207,7 @@ class ToolState(NamedTuple):
 
     @property
     def turns(self) -> bool:
-        """At its working speed."""
+        """Whether the tool is at its working speed."""
         return self.rpm >= _TURNS_RPM
 
 
@@ -237,7 +237,7 @@ _COLUMNS = (
 
 
 class FieldTruth(TruthRows):
-    """How a vehicle and its tool went."""
+    """True motion of a vehicle and its tool."""
 
     def __init__(self) -> None:
         super().__init__(_COLUMNS)
@@ -346,9 +346,9 @@ class FieldStage(Stage[SkidBox, None]):
     """A skid-steer vehicle with its tool in a field; see ``Stage``.
 
     Args:
-        spec: what is asked for.
-        file: where it was read, for messages.
-        begin_ns: when the world begins.
+        spec: specification of the run.
+        file: file of the specification, for messages.
+        begin_ns: start time of the world.
 
     Raises:
         InputError: the spec's script or faults cannot be used.

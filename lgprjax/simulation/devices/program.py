@@ -28,17 +28,17 @@ from lgprjax.simulation.devices.world import CourseWorld
 from lgprjax.simulation.drives import SITE_FRAME
 from lgprjax.simulation.loop.off_road import OffRoad
 
-# The stage that a spec asks for: a course with a radar, or a field with a tool.
+# The stage of a specification: a course with a radar, or a field with a tool.
 
 StageMaker = Callable[[int], Stage[Any, Any]]
 """A stage that begins at a time of the world's clock."""
 
 
 def open_spec(file: Path) -> tuple[StageSpec, StageMaker]:
-    """What a spec asks for, and its stage.
+    """Read a specification and select its stage.
 
     Raises:
-        InputError: it cannot be used.
+        InputError: the specification cannot be used.
     """
     if _is_field(file):
         field = read_spec(file, FieldSpec)
@@ -103,7 +103,7 @@ class Ports:
     """Three pseudo-terminals and a socket on the loopback.
 
     Args:
-        renewed: told when another host connects to the radar.
+        renewed: function called when another host connects to the radar.
     """
 
     def __init__(self, renewed: Callable[[], None]) -> None:
@@ -131,10 +131,10 @@ class Ports:
         return sum(outlet.dropped for outlet in self._outlets.values())
 
     def announce(self, path: Path) -> None:
-        """Write the ports' addresses by line, JSON.
+        """Write the address of each line's port as JSON.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the file cannot be written.
         """
         with atomic_output(path, force=True) as temporary:
             temporary.write_text(json.dumps(self._names), encoding="utf-8")
@@ -168,7 +168,7 @@ class Ports:
         return told
 
     def close(self) -> None:
-        """Let go of all ports."""
+        """Close all ports."""
         self._hang_up()
         self._listener.close()
         for handle in (*self._masters, *self._slaves):
@@ -207,7 +207,7 @@ class Ports:
 
 
 _LOOK_S = 0.002
-"""How often the ports are looked after."""
+"""Period at which the ports are served."""
 _LATE_S, _SKIPS_S = 0.005, 0.1
 """A tick that begins so late counts as late; so late, its scans are left out to catch up."""
 _WARM_TICKS = 4
@@ -332,12 +332,12 @@ def run_devices(file: Path) -> int:
 
 
 def _hold_xla_to_one() -> None:
-    """Each call's work on the thread that calls: the vehicle's own programs need the other core."""
+    """Run XLA on the calling thread, because the vehicle's own programs need the other core."""
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
     if sys.platform == "linux":
-        # XLA makes as many threads as it sees CPUs: one is seen while it starts.
+        # XLA starts one thread per visible CPU, so only one is visible while it starts.
         allowed = os.sched_getaffinity(0)
         os.sched_setaffinity(0, {max(allowed)})
         jax.devices()

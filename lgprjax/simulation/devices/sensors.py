@@ -25,7 +25,7 @@ from lgprjax.wire import Frame, Value
 
 WEEK_S = 604_800
 POSITION_LATENCY_NS, ATTITUDE_LATENCY_NS = 30_000_000, 5_000_000
-"""From the time that a message is of to its leaving."""
+"""Latency from a measurement to the sending of its message."""
 _EPOCH = datetime.datetime(1980, 1, 6)  # GPS time is no zone's
 _LEAP_S = 18.0
 
@@ -163,11 +163,11 @@ class Sensing:
     """Sensors of the vehicle.
 
     Args:
-        true: the vehicle.
-        sensors: what navigation's are like.
-        world: that it is in.
-        faults: that run.
-        seed: of the noise.
+        true: true vehicle.
+        sensors: properties of the navigation sensors.
+        world: world of the vehicle.
+        faults: running faults.
+        seed: seed of the noise.
     """
 
     def __init__(
@@ -289,13 +289,13 @@ class Sensing:
 
 _TEMPERATURE_C = 34.0
 _BUSY_NS = 1_000_000_000
-"""That calibrating, and looking up, take."""
+"""Duration of calibration and of the look-up recording."""
 PROCESSING_NS = 4_000_000
-"""From a scan's end to its first byte."""
+"""Time from a scan's end to its first byte."""
 
 
 class RadarState(IntEnum):
-    """As in ``radar_health``."""
+    """State of the radar in ``radar_health``."""
 
     IDLE = 0
     SCANNING = 1
@@ -315,7 +315,7 @@ class RecordedScan(NamedTuple):
 
 
 class SweepForm(NamedTuple):
-    """How a stepped-frequency radar sends: its frequencies, and its recording of empty space."""
+    """Frequencies of a stepped-frequency radar, and its recording of empty space."""
 
     plan: SweepPlan
     lookup: Complex64[np.ndarray, "row frequency"]
@@ -349,14 +349,14 @@ def _parts(rows: Complex64[np.ndarray, "row frequency"]) -> Shaped[np.ndarray, "
 
 
 class RadarBox:
-    """The box's logic; times are nanoseconds of the world's clock, passed in.
+    """Logic of the radar box; times are arguments in nanoseconds of the world's clock.
 
     Args:
-        sender: of its frames.
-        radar: time axis of its scans.
-        channels: of a scan.
-        period_s: from scan to scan.
-        sweeps: form of a stepped-frequency radar's scans; None: finished traces.
+        sender: sender of the box's frames.
+        radar: time axis of the scans.
+        channels: number of channels per scan.
+        period_s: period of the scans.
+        sweeps: form of a stepped-frequency radar's scans; ``None``: finished traces.
     """
 
     def __init__(
@@ -481,11 +481,11 @@ LINES = ("drive_by_wire", "controller", "gnss", "radar")
 
 
 class Lines:
-    """Effects of the lines on bytes.
+    """Effects of faulty lines on bytes.
 
     Args:
-        faults: that run.
-        seed: of the damage.
+        faults: running faults.
+        seed: seed of the damage.
     """
 
     def __init__(self, faults: RunningFaults, seed: int) -> None:
@@ -500,7 +500,7 @@ class Lines:
         return self._damaged(line, data)
 
     def into(self, line: str, data: bytes) -> bytes:
-        """The host's bytes as they reach a device; of a line that repeats, the first ones again and again."""
+        """The host's bytes as they reach a device; a repeating line delivers its first bytes again and again."""
         if self._faults.on_line("line_silent", line):
             return b""
         if self._faults.on_line("line_repeat", line):

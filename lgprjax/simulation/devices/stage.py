@@ -1,4 +1,4 @@
-"""What every stage is: devices in their world, with a script, faults and lines; bytes and time in, frames out."""
+"""Common part of stages: devices in their world, with script, faults and lines; bytes and time in, frames out."""
 
 import json
 import os
@@ -37,16 +37,16 @@ from lgprjax.simulation.devices.vehicle import TruthRows
 
 
 class StageSpec(BaseModel):
-    """What every run of the devices is asked for. Paths are as the program's working folder has them.
+    """Specification common to all runs of the devices. Paths are relative to the program's working folder.
 
     Attributes:
-        ports: where the devices' addresses are written to.
-        truth: where the truth is written to at the end.
-        script: what the driver does.
-        faults: what goes wrong.
-        rate: world's seconds in one of the computer's.
-        parent: process without which the devices end. Whoever starts them writes its own here: loading takes seconds,
-            and a parent that dies meanwhile is no longer this process's when the file is read.
+        ports: path of the file of the devices' addresses.
+        truth: path of the file of the truth, written at the end.
+        script: actions of the driver.
+        faults: faults of the devices.
+        rate: seconds of the world per second of the computer.
+        parent: ID of the process with which the devices end. The starting process writes its own, because loading takes
+            seconds, and a parent that ends meanwhile can no longer be found when the file is read.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -63,10 +63,10 @@ _Spec = TypeVar("_Spec", bound=StageSpec)
 
 
 def read_spec(path: Path, kind: type[_Spec]) -> _Spec:
-    """A spec from its file.
+    """Read a specification.
 
     Raises:
-        InputError: it is missing, no JSON, or a key is unknown, missing or not as expected.
+        InputError: the file is missing or not JSON, or a key is unknown, missing or has a wrong value.
     """
     try:
         return kind.model_validate(json.loads(path.read_text(encoding="utf-8")))
@@ -80,24 +80,24 @@ def read_spec(path: Path, kind: type[_Spec]) -> _Spec:
         raise InputError(path, "file", "JSON", str(error)) from None
 
 
-# Something that falls due again and again.
+# Periodic events.
 
 _LATEST_NS = 100_000_000
 """Older pending messages are dropped, as a device has no queue."""
 
 
 class Ticker:
-    """Moments at an even distance.
+    """Periodic moments.
 
     Args:
-        first_ns, period_ns: of them.
+        first_ns, period_ns: first moment, and period.
     """
 
     def __init__(self, first_ns: int, period_ns: int) -> None:
         self._next_ns, self._period_ns = first_ns, period_ns
 
     def due(self, now_ns: int) -> list[int]:
-        """Those that have come since the last call."""
+        """Moments passed since the last call."""
         times = []
         while self._next_ns <= now_ns:
             if now_ns - self._next_ns <= _LATEST_NS:
@@ -110,13 +110,14 @@ _BUTTONS_NS = 20_000_000
 
 
 class StageKind(NamedTuple):
-    """What a kind of vehicle knows: its lines, and names of scripts and faults with what each must say of itself.
+    """Lines of a kind of vehicle, and its script actions and faults with their required keys.
 
     Attributes:
-        lines: to the host.
-        script: what a script may say; script_lasts_s: how long each lasts where it does not say.
-        buttons: of the controller that a script may press.
-        faults: what may go wrong.
+        lines: lines to the host.
+        script: required keys of each script action.
+        script_lasts_s: default duration of each action.
+        buttons: buttons of the controller that a script may press.
+        faults: required keys of each fault.
     """
 
     lines: tuple[str, ...]
@@ -131,24 +132,24 @@ _Tick = TypeVar("_Tick")
 
 
 class Stage(ABC, Generic[_Box, _Tick]):
-    """The devices and their world. Times are nanoseconds of the world's clock, passed in.
+    """The devices and their world. Times are arguments in nanoseconds of the world's clock.
 
     ``tick`` and ``render`` belong to one thread, ``receive`` and ``emit`` may belong to another.
 
     Args:
-        kind: what the vehicle knows.
-        spec: what is asked for.
-        file: where it was read, for messages.
-        begin_ns: when the world begins.
-        tick_ns: of the world.
-        box: the drive-by-wire box, made with its sender.
-        seed: of sessions, clocks and damage.
+        kind: lines, script actions and faults of the kind of vehicle.
+        spec: specification of the run.
+        file: file of the specification, for messages.
+        begin_ns: start time of the world.
+        tick_ns: tick of the world.
+        box: class of the drive-by-wire box, constructed with its sender.
+        seed: seed of sessions, clocks and damage.
 
-    Attributes:
-        truth: how it truly went.
-        faults: that run.
-        drive_box, controller: the devices that every vehicle has.
-        latest_s: how late what was sent at the worst, by its name.
+        Attributes:
+        truth: true motion.
+        faults: running faults.
+        drive_box, controller: devices that every vehicle has.
+        latest_s: largest lateness of each kind of message.
 
     Raises:
         InputError: the spec's script or faults cannot be used.
@@ -181,7 +182,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
 
     @property
     def next_ns(self) -> int:
-        """When the next tick begins."""
+        """Start time of the next tick."""
         return self.begin_ns + round(self._ticks * self._tick_ns)
 
     @abstractmethod
@@ -192,7 +193,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
         """Record the scans of a tick, where a radar scans."""
 
     def skip(self, tick: _Tick) -> int:
-        """Leave a tick's scans out, and say how many they are."""
+        """Leave out a tick's scans, and return their number."""
         del tick
         return 0
 
@@ -221,7 +222,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
 
     @abstractmethod
     def _due(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """What the devices beside the controller send by now."""
+        """Messages due from the devices other than the controller."""
 
     @property
     def _host_ready(self) -> bool:
@@ -268,7 +269,7 @@ class Stage(ABC, Generic[_Box, _Tick]):
 
 
 def _week_rollover_s(wrong: list[ScriptItem], file: Path) -> float | None:
-    """When GNSS weeks roll over, s after the world's begin."""
+    """Time of the GNSS week rollover, s after the start of the world; ``None`` without one."""
     rolls = [item for item in wrong if item.name == "week_rollover"]
     if rolls and rolls[0].at_s is None:
         raise InputError(file, "faults", "week_rollover with at_s", "week_rollover without at_s")

@@ -46,12 +46,12 @@ class Acting(NamedTuple):
     """Inputs acting on the vehicle for a tick.
 
     Attributes:
-        by_hand: the wheels are turned by the driver, not by the servo.
-        front_rad: where to.
-        throttle, brake: as they act.
-        supply_v: of the servo.
-        runaway_radps: the servo turns at this rate whatever it is told; 0 for a sound one.
-        rear_rad: where the rear wheels are stuck; NaN for sound ones.
+        by_hand: whether the driver turns the wheels, not the servo.
+        front_rad: commanded angle of the front wheels.
+        throttle, brake: acting throttle and brake.
+        supply_v: supply voltage of the servo.
+        runaway_radps: rate of a servo that turns regardless of commands; 0 for a sound one.
+        rear_rad: angle of stuck rear wheels; NaN for sound ones.
         gear: +1 forward, -1 reverse.
     """
 
@@ -69,11 +69,11 @@ class Moved(NamedTuple):
     """The vehicle at a tick's end, pose in the map's frame, and the slow errors of its sensors.
 
     Attributes:
-        x_m, y_m, yaw_rad: of the rear axle.
-        travel_m, along_m, speed_mps: signed way, place on the terrain, speed at this moment.
-        front_rad, motor_rad: front wheels, and the servo as an angle of theirs.
-        rate_bias_radps, heading_slow_rad, odometer_scale: slow errors.
-        gnss_east_m, gnss_north_m, gnss_valid: what the receiver says of its antenna.
+        x_m, y_m, yaw_rad: pose of the rear axle.
+        travel_m, along_m, speed_mps: signed distance, position along the terrain, present speed.
+        front_rad, motor_rad: angle of the front wheels, and of the servo as a wheel angle.
+        rate_bias_radps, heading_slow_rad, odometer_scale: slow errors of gyro, INS heading and odometer.
+        gnss_east_m, gnss_north_m, gnss_valid: measured position of the antenna, and whether it is new.
     """
 
     x_m: float
@@ -93,16 +93,16 @@ class Moved(NamedTuple):
 
 
 class SimulatedVehicle:
-    """A vehicle at standstill at a pose.
+    """A simulated counter-steered vehicle, initially at standstill.
 
     Args:
-        true: as it is.
-        terrain: under it.
+        true: true vehicle.
+        terrain: terrain under the vehicle.
         tick_s: step.
         start: pose of the rear axle in the map's frame.
-        along_m: its place on the terrain.
-        seed: of the sensors' errors.
-        gnss_slow_m: sigma of the slow error of positions, an axis.
+        along_m: position along the terrain.
+        seed: seed of the sensors' errors.
+        gnss_slow_m: standard deviation per axis of the slow position error.
     """
 
     def __init__(
@@ -117,13 +117,13 @@ class SimulatedVehicle:
         gnss_slow_m: float = GNSS_SLOW_M,
     ) -> None:
         self._true, self._tick_s = true, tick_s
-        # Linear between knots and beyond them: sound wheels and stuck ones are of one program.
+        # Linear between knots and beyond them, so that sound and stuck wheels share one compiled program.
         rear = true.rear
         if not isinstance(rear, MeasuredRear):
             rear = MeasuredRear(jnp.float32(-1.0), jnp.float32(2.0), jnp.array([-rear, rear], jnp.float32))
         self._rear: Any = jax.tree.map(np.asarray, rear)
         self.sensors = live_sensors(tick_s=tick_s, gnss_x_m=GNSS_X_M, gnss_slow_m=gnss_slow_m)
-        # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
+        # NumPy arrays, which a compiled function takes directly: transfers of each would cost as much as the call.
         self._fixed = jax.tree.map(np.asarray, (terrain, self.sensors))
         plant = Plant(chassis_of(true, true.array_x_m), servo_of(true), pedals_of(true), jnp.float32(true.nominal_v))
         self._sound: Plant = jax.tree.map(np.asarray, plant)
@@ -219,7 +219,7 @@ def _step(
     return state, errors, jnp.stack(row)
 
 
-# The driver: sees the road, holds the vehicle on the baseline when nobody else does, and plays a script.
+# The driver: sees the road, keeps the vehicle on the baseline without autopilot, and plays a script.
 
 SCRIPT: dict[str, tuple[str, ...]] = {
     "drive": ("speed_mps",),
@@ -248,11 +248,11 @@ class DriverInput(NamedTuple):
     """Actions of the driver.
 
     Attributes:
-        front_rad: where the front wheels are turned, by hand.
+        front_rad: angle to which the front wheels are turned by hand.
         throttle, brake: pedals, 0 to 1.
-        foot_on_brake: the brake is pressed by foot, not by the parking lever.
-        torque_nm: on the steering wheel.
-        buttons: pressed on the controller.
+        foot_on_brake: whether the brake is pressed by foot, not by the parking lever.
+        torque_nm: torque on the steering wheel.
+        buttons: buttons pressed on the controller.
         gear: +1 forward, -1 reverse.
     """
 
@@ -275,12 +275,12 @@ def counter_steer_rad(vehicle: TrueVehicle, front_rad: float) -> float:
 
 
 def pedals_for_speed(vehicle: TrueVehicle, wanted_mps: float | None, speed_mps: float) -> tuple[float, float, bool]:
-    """Throttle, brake, and whether the brake is pressed by foot, of a driver who holds a speed.
+    """Throttle, brake, and whether the brake is pressed by foot, for a driver who holds a speed.
 
     Args:
-        vehicle: as it is.
+        vehicle: true vehicle.
         wanted_mps: speed to hold; ``None``: stop, then park with the lever.
-        speed_mps: in the gear's direction.
+        speed_mps: present speed in the gear's direction.
     """
     if wanted_mps is None:
         parked = speed_mps < _STANDS_MPS
@@ -312,18 +312,18 @@ def scripted_input(
 
 
 class Driver:
-    """Drives the array's centre along the baseline by true pose: points the array's own way along it.
+    """Drives the array's centre along the baseline by the true pose, with the array's motion along the line.
 
     Args:
-        vehicle: as it is.
-        array_x_m: array ahead of the rear axle.
-        line_m: true places of the baseline's anchor, in driving order.
+        vehicle: true vehicle.
+        array_x_m: distance of the array ahead of the rear axle.
+        line_m: true positions of the baseline's anchor, in driving order.
     """
 
     def __init__(self, vehicle: TrueVehicle, array_x_m: float, line_m: Float[np.ndarray, "point 2"]) -> None:
-        # Of the rear wheels' angle, at the angles of a road.
+        # Share of the rear wheels' angle at usual steering angles.
         self._vehicle, self._share = vehicle, counter_steer_rad(vehicle, 0.1) / 0.1
-        # From the point that runs along the body's axis to the array.
+        # Distance to the array from the point that moves along the body's axis.
         self._ahead_m = array_x_m - vehicle.wheelbase_m * self._share / (1.0 + self._share)
         self._array_x_m = array_x_m
         step = np.diff(line_m, axis=0)
@@ -337,13 +337,13 @@ class Driver:
     def step(self, running: Iterable[ScriptItem], at: Sample, orders: ActuatorOrders) -> DriverInput:
         """Actions of the driver.
 
-        A held brake takes the steering back: while it is engaged the driver brakes in taps, and drives on at the end of
-        the road until it is handed over.
+        A held brake takes the steering back. So while it is engaged the driver brakes in taps, and at the end of the
+        road drives on until the steering is handed over.
 
         Args:
-            running: items of the script that run.
-            at: the truth now.
-            orders: of the box; it may hold the wheels, or the pedals.
+            running: running items of the script.
+            at: present truth.
+            orders: commands of the box, which may hold the wheels or the pedals.
         """
         items = list(running)
         # The last order holds until another one.
@@ -379,12 +379,12 @@ class Driver:
 
 
 class HandDriver:
-    """Drives a manoeuvre of a calibration by hand, and plays a script; the manoeuvre waits until the vehicle stands.
+    """Drives a calibration manoeuvre by hand, and plays a script; the manoeuvre waits for standstill.
 
     Args:
-        vehicle: as it is.
-        manoeuvre: what is driven; after its end the vehicle stands.
-        tick_s: of the devices.
+        vehicle: true vehicle.
+        manoeuvre: manoeuvre to drive; after its end the vehicle stays at standstill.
+        tick_s: tick of the devices.
     """
 
     def __init__(self, vehicle: TrueVehicle, manoeuvre: Manoeuvre, tick_s: float) -> None:
@@ -429,11 +429,11 @@ class Body:
     """The vehicle with its actuators, ticking.
 
     Args:
-        true: the vehicle.
-        world: that it is in.
-        start: where it stands.
-        faults: that run.
-        seed: of its sensors' errors.
+        true: true vehicle.
+        world: world of the vehicle.
+        start: start position.
+        faults: running faults.
+        seed: seed of the sensors' errors.
     """
 
     def __init__(
@@ -542,10 +542,10 @@ _COLUMNS = (
 
 
 class TruthRows:
-    """Rows of a run, each of a tick's end.
+    """Table of a run with one row per tick, at its end.
 
     Args:
-        columns: their names.
+        columns: names of the columns.
     """
 
     def __init__(self, columns: tuple[str, ...]) -> None:
@@ -559,16 +559,16 @@ class TruthRows:
         self._rows.append(row)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything by name: ``mono_ns`` and the columns."""
+        """Arrays by name: ``mono_ns`` and the columns."""
         table = np.array(self._rows, np.float64).reshape(-1, len(self._columns))
         columns: dict[str, np.ndarray] = dict(zip(self._columns, table.T, strict=True))
         return {"mono_ns": np.array(self._times, np.int64), **columns}
 
     def write(self, path: Path, figures: dict[str, float]) -> None:
-        """Write a ``.npz`` of the arrays and of figures of the run, arrays of one number.
+        """Write a ``.npz`` of the arrays and of the run's figures, which are arrays of one number.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the file cannot be written.
         """
         numbers = {name: np.asarray(value) for name, value in figures.items()}
         with atomic_output(path, force=True) as temporary, temporary.open("wb") as file:
@@ -576,11 +576,12 @@ class TruthRows:
 
 
 class Truth(TruthRows):
-    """How a vehicle on a course went.
+    """True motion of a vehicle on a course.
 
     Args:
-        true: the vehicle; array_x_m: array ahead of the rear axle.
-        baseline_m: true places of the baseline's anchor.
+        true: true vehicle.
+        array_x_m: distance of the array ahead of the rear axle.
+        baseline_m: true positions of the baseline's anchor.
     """
 
     def __init__(self, true: TrueVehicle, array_x_m: float, baseline_m: Float[np.ndarray, "point 2"]) -> None:

@@ -1,4 +1,4 @@
-"""The course that the devices stand on: its ground and radar, its frames, and where the baseline ran."""
+"""The course of the devices: its ground, radar, frames and baseline."""
 
 from collections import deque
 from typing import Literal, NamedTuple
@@ -31,7 +31,7 @@ _EARTH_M = 6_378_137.0
 
 
 class Start(NamedTuple):
-    """Where a drive begins: pose of the rear axle in the map's frame, and its place along the road."""
+    """Start of a drive: pose of the rear axle in the map's frame, and position along the road."""
 
     pose: tuple[float, float, float]
     along_m: float
@@ -41,14 +41,14 @@ class CourseWorld:
     """A course, in the frame of its map.
 
     Args:
-        spec: of the course.
-        local: the map's frame, which poses are in.
-        weather: of the day, see ``WEATHER``.
-        drive_seed: of the day, the radar's errors and the springs.
-        gain_drift: of the radar's receiver while it warms up, see ``ReceiverFaults``: over 20 minutes, half of it in 4.
-        level: the vehicle is driven on level ground to all sides, for calibrations, in steps of 10 ms; nothing is there
-            for a radar.
-        in_view: of the radar, see ``LiveRadar``.
+        spec: specification of the course.
+        local: frame of the map and of poses.
+        weather: weather of the day, see ``WEATHER``.
+        drive_seed: seed of the day, the radar's errors and the springs.
+        gain_drift: gain drift of the radar's receiver while it warms up, see ``ReceiverFaults``: over 20 minutes, half
+            of it in 4.
+        level: whether the ground is level on all sides, for calibrations, with ticks of 10 ms and no radar data.
+        in_view: view of the radar, see ``LiveRadar``.
     """
 
     def __init__(
@@ -135,10 +135,10 @@ class CourseWorld:
         """Scans of a tick, along the true path between two poses of the rear axle; ``None`` for lost ones.
 
         Args:
-            number: of the first.
-            before, after: poses at the tick's ends, map frame.
-            along_m: rear axle's place along the road.
-            shift_m: along and left: the ground of a place so far away is heard.
+            number: number of the first scan.
+            before, after: poses at the start and the end of the tick, map frame.
+            along_m: position of the rear axle along the road.
+            shift_m: displacement along and left at which the ground is recorded.
         """
         first_s = np.arange(self.scans_a_tick) * self.scan_period_s
         share = (first_s[:, None] + self.laid.array.time_offset_s[None]) / self.tick_s
@@ -147,7 +147,7 @@ class CourseWorld:
         moved = np.stack([cos * shift_m[0] - sin * shift_m[1], sin * shift_m[0] + cos * shift_m[1]], axis=-1)
         scene = self.frame.to_scene(pose[..., :2] + moved)
         place = np.concatenate([scene, pose[..., 2:] + self.frame.turn_rad], axis=-1)
-        # Drifts run over minutes; longer drives hear them again.
+        # Drifts run over minutes; in longer drives they repeat.
         wrapped = number % (self._numbers - self._numbers % self.scans_a_tick)
         about_m = along_m + shift_m[0] + self.laid.spec.array_x_m
         try:
@@ -168,12 +168,12 @@ class Sample(NamedTuple):
     """The truth at a moment; pose of the rear axle in the map's frame.
 
     Attributes:
-        x_m, y_m, yaw_rad, roll_rad: where it is.
-        travel_m, along_m, speed_mps: signed way, place on the terrain, speed.
-        front_rad, motor_rad: front wheels, and the servo as an angle of theirs.
-        throttle, brake: position and pressure, as commands that would make them.
-        supply_v: of the servo.
-        odometer_m, odometer_gain: what the wheels count, and shown over true speed.
+        x_m, y_m, yaw_rad, roll_rad: pose.
+        travel_m, along_m, speed_mps: signed distance, position along the terrain, speed.
+        front_rad, motor_rad: angle of the front wheels, and of the servo as a wheel angle.
+        throttle, brake: throttle position and brake pressure, as equivalent commands.
+        supply_v: supply voltage of the servo.
+        odometer_m, odometer_gain: distance by the wheels, and ratio of indicated to true speed.
         rate_bias_radps, heading_slow_rad: slow errors of the INS.
     """
 

@@ -1,9 +1,9 @@
-"""The closed loop, tick by tick: vehicle, sensors, fusion, health, planner, law, limiter, and round again.
+"""Closed loop, tick by tick: vehicle, sensors, fusion, health, planner, law and limiter.
 
-A tick has two halves: ``move`` (what the world does: the last command drives the vehicle, the sensors see it) and
-``decide`` (what runs on board: ``step_onboard``, as on the vehicle). Between them stands the radar:
-registration of rendered scans, or fixes drawn from an error model. Both halves are one batch element, more by ``vmap``;
-the controller never sees the true pose; only the driver does, who brings the vehicle to where it may be engaged.
+A tick has two halves: ``move`` (the world: the last command drives the vehicle, the sensors measure it) and ``decide``
+(the onboard step ``step_onboard``, as on the vehicle). Between them is the radar: registration of rendered scans, or
+fixes drawn from an error model. Both halves are one batch element, more by ``vmap``; the controller never sees the true
+pose; only the driver does, who brings the vehicle to where the autopilot may be engaged.
 """
 
 from typing import NamedTuple
@@ -78,14 +78,14 @@ def decide(
     lgpr: LgprObservation,
     p_false: Float[Array, ""],
 ) -> tuple[LoopState, Decision]:
-    """The half that runs on board.
+    """The onboard half of a tick.
 
     Args:
-        spec, setup, route: of the drive.
-        state: after ``move``.
-        readings: of this tick.
+        spec, setup, route: settings, setup and route of the drive.
+        state: state after ``move``.
+        readings: sensor readings of this tick.
         lgpr: this tick's fix, if there is one.
-        p_false: of its match, see ``step_health``; NaN without a match.
+        p_false: probability that its match is false, see ``step_health``; NaN without a match.
     """
     step_s = jnp.float32(spec.tick_s)
     engaged, stopping = state.handover
@@ -163,19 +163,20 @@ def observe(setup: LoopSetup, readings: Readings, lgpr: LgprObservation) -> Obse
 
 
 class LoopSums(NamedTuple):
-    """Sums while engaged; offsets are of the true anchor from the route, weighted by distance.
+    """Sums while engaged; offsets of the true anchor from the route are weighted by distance.
 
     Attributes:
-        way_m: driven.
-        square_m3: integral of the offset's square.
-        largest_m: offset.
-        beyond_foot_m: way with an offset of more than a foot.
+        way_m: distance driven.
+        square_m3: integral of the squared offset over distance.
+        largest_m: largest offset.
+        beyond_foot_m: distance driven with an offset of more than a foot.
         steering_step_rad: largest change of the command within a tick.
-        nees_position, nees_yaw: sums over ticks of the filter's normalized squares, two degrees of freedom and one.
-        fixes: ticks with one.
-        reactions: ticks with each ``Reaction``.
-        reasons: bits of all ``Reason`` seen.
-        ticks: how many.
+        nees_position, nees_yaw: sums over ticks of the filter's normalized squared errors, two degrees of freedom and
+            one.
+        fixes: number of ticks with a fix.
+        reactions: number of ticks with each ``Reaction``.
+        reasons: bits of all ``Reason`` that occurred.
+        ticks: number of ticks.
     """
 
     way_m: Float[Array, "..."]
@@ -195,21 +196,21 @@ class LoopTick(NamedTuple):
     """Record of a tick of a traced drive.
 
     Attributes:
-        x_m, y_m, yaw_rad: true, of the rear axle.
-        offset_m: of the true anchor from the route, left of travel positive.
-        error_m, error_yaw_rad: of the pose that is driven by, against the truth, along, across and in heading.
-        sigma_cross_m: what the filter owns to, of the rear axle.
-        nees_position, nees_yaw: normalized squares of the filter's errors, two degrees of freedom and one.
-        speed_mps, limit_mps: true, and what the route and the health allow.
-        command_rad, front_rad: asked of the front wheels, and reached.
-        throttle, brake: commands.
-        reaction, reasons: of the health.
-        accepted: sources.
-        fix: there was one.
-        code: of the plan.
-        to_go_m: to the route's end.
-        engaged: the autopilot drives; stopping: it was told to stop.
-        on_lgpr: the threshold switch believes the LGPR.
+        x_m, y_m, yaw_rad: true pose of the rear axle.
+        offset_m: offset of the true anchor from the route, left of travel positive.
+        error_m, error_yaw_rad: errors of the pose used for control, along and across, and in heading.
+        sigma_cross_m: standard deviation across of the rear axle by the filter.
+        nees_position, nees_yaw: normalized squared errors of the filter, two degrees of freedom and one.
+        speed_mps, limit_mps: true speed, and the limit by route and health.
+        command_rad, front_rad: commanded and actual angle of the front wheels.
+        throttle, brake: pedal commands.
+        reaction, reasons: reaction and reasons of the health.
+        accepted: sources that the filter accepted.
+        fix: whether there was a fix.
+        code: code of the plan.
+        to_go_m: distance to the route's end.
+        engaged, stopping: whether the autopilot drives, and whether it has a stop command.
+        on_lgpr: whether the threshold switch uses the LGPR.
         switch_cross_m, reckoned_cross_m: cross-track errors of the switch's pose and of GNSS/INS.
     """
 

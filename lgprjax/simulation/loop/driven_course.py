@@ -54,13 +54,12 @@ class TickFix(NamedTuple):
     """Result of a tick's scans.
 
     Attributes:
-        observation: the last ok fix, if there is one.
-        p_false: of the last match, ok or not, see ``Fix``; NaN where nothing was matched.
-        codes: of each scan that was searched.
-        error: of the ok fixes, along and across the true heading and of the heading, against the truth in the map's
-            frame.
-        reported: what those fixes say of themselves, the same three, standard deviations.
-        match: their strength, and their probability of a false match.
+        observation: the last accepted fix, if there is one.
+        p_false: probability that the last match is false, accepted or not, see ``Fix``; NaN without a match.
+        codes: codes of the searched scans.
+        error: true errors of the accepted fixes along and across the true heading and in heading, in the map's frame.
+        reported: standard deviations that the accepted fixes report for these three.
+        match: strength of the accepted fixes, and their probability of a false match.
     """
 
     observation: LgprObservation
@@ -75,16 +74,16 @@ class RadarLoop:
     """One live drive's radar on a course, registered scan by scan.
 
     Args:
-        course: that is driven.
-        source: its map.
-        day: the live one.
-        options: of the search.
-        seed: of the drive's faults and springs.
-        ticks: that it may last.
-        tick_s: of the loop.
-        zero_slip_m: of the vehicle, as its filter has it.
-        chance: of the map.
-        likelihood: of map and array, where the search is a filter.
+        course: course of the drive.
+        source: map of the course.
+        options: options of the search.
+        day: day of the drive.
+        seed: seed of the drive's faults and springs.
+        ticks: largest number of ticks.
+        tick_s: tick of the loop.
+        zero_slip_m: zero-slip point of the vehicle, from its filter.
+        chance: chance of a false match on the map.
+        likelihood: likelihood of map and array, for a search by filter.
 
     Raises:
         ValueError: a tick is not a whole number of the course's scans.
@@ -116,7 +115,7 @@ class RadarLoop:
             seed=seed,
             faults=ReceiverFaults(),
         )
-        # As on board: each stop is judged by itself.
+        # As on board, each stop is judged separately.
         options = replace(options, track=True)
         ground = ground_map_for(source, options)
         known, kept = self._radar.radar, len(source.description.gain)
@@ -155,10 +154,10 @@ class RadarLoop:
         """Scans of one tick: recorded along the true path from ``before`` to ``after``, searched around GNSS/INS.
 
         Args:
-            before, after: the loop's state before and after ``move``.
-            setup: of the loop.
-            readings: of the tick.
-            heard: whether the radar works in this tick; where it does not, its filter keeps its state.
+            before, after: state of the loop before and after ``move``.
+            setup: setup of the loop.
+            readings: sensor readings of the tick.
+            heard: whether the radar works in this tick; if not, its filter keeps its state.
         """
         share = np.arange(self._scans) / self._scans  # each scan within the tick, its channels after it
         seen = _Seen(*np.asarray(_see(setup, before, after, readings, np.float32(self._tick_s)), np.float64))
@@ -219,7 +218,7 @@ class RadarLoop:
     def _prior(
         self, seen: "_Seen", share: Float[np.ndarray, " scan"], roll_rad: Float[np.ndarray, " scan"]
     ) -> Float[np.ndarray, "scan 5"]:
-        """Where the search of each scan starts: the array's centre by ``search_pose``."""
+        """Start of each scan's search: pose of the array's centre by ``search_pose``."""
         centre = _array_pose(_between(seen.start, seen.end, share), self._course.spec.array_x_m)
         keep = np.exp(-self._tick_s / 20.0)
         self._roll_error = keep * self._roll_error + np.sqrt(1 - keep**2) * _ROLL_SIGMA_RAD * self._rng.normal()
@@ -236,12 +235,12 @@ def _scans_a_tick(spec: OffRoad, tick_s: float) -> int:
 
 
 class _Seen(NamedTuple):
-    """Inputs of a tick's search, fetched at once: four numbers a row, the last of a pose's unused.
+    """Inputs of a tick's search, fetched at once: rows of four numbers; the fourth of a pose is unused.
 
     Attributes:
-        before, after: true poses of the rear axle at the tick's ends.
-        start, end: from where the map is searched.
-        odometer: its speed, the sigma of the GNSS/INS heading, the rear axle's place along the road, the tick.
+        before, after: true poses of the rear axle at the start and the end of the tick.
+        start, end: start poses of the search at the start and the end of the tick.
+        odometer: odometer speed, sigma of the GNSS/INS heading, position of the rear axle along the road, and tick.
     """
 
     before: Float[np.ndarray, "4"]
@@ -296,7 +295,7 @@ def _no_fix() -> LgprObservation:
 def _observation(
     pose: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "3 3"], age_s: float, *, valid: bool
 ) -> LgprObservation:
-    # NumPy's, as a compiled function takes them: a transfer of each would cost as much as the call.
+    # NumPy arrays, which a compiled function takes directly: transfers of each would cost as much as the call.
     numbers = [*(np.float32(part) for part in pose), covariance.astype(np.float32), np.float32(age_s), np.bool_(valid)]
     return LgprObservation(*(cast("Array", number) for number in numbers))
 
@@ -310,18 +309,18 @@ _END_M = 3.0
 
 
 class DrivenCourse(NamedTuple):
-    """One drive of a course; ticks of the loop, the driver's lead-in among them.
+    """One drive of a course; ticks of the loop, including the driver's lead-in.
 
     Attributes:
-        tick: what was kept of each tick.
-        anchor_m: true places of the anchor in the map's frame.
-        baseline_m: true places of the baseline's anchor there.
-        codes: of every scan that was searched.
-        fix_error: of every ok fix: along and across the true heading (m), and of the heading (rad).
-        fix_sigma: what each of them says of itself.
-        fix_match: strength and probability of a false match of each of them.
-        fix_travel_m: way driven at each ok fix.
-        finished: the route was driven to its end.
+        tick: record of each tick.
+        anchor_m: true positions of the anchor in the map's frame.
+        baseline_m: true positions of the baseline's anchor in the map's frame.
+        codes: codes of the searched scans.
+        fix_error: errors of each accepted fix along and across the true heading (m), and in heading (rad).
+        fix_sigma: standard deviations reported by each accepted fix.
+        fix_match: strength and probability of a false match of each accepted fix.
+        fix_travel_m: distance driven at each accepted fix.
+        finished: whether the route was driven to its end.
     """
 
     tick: LoopTick
@@ -336,12 +335,12 @@ class DrivenCourse(NamedTuple):
 
     @property
     def engaged(self) -> Bool[np.ndarray, " tick"]:
-        """Ticks that the autopilot drove."""
+        """Mask of ticks under autopilot."""
         return np.asarray(self.tick.engaged, bool)
 
     @property
     def tracking(self) -> TrackingError:
-        """Over the part driven by the autopilot."""
+        """Tracking error of the part driven by the autopilot."""
         return tracking_error(self.anchor_m, self.baseline_m, self.engaged)
 
 
@@ -368,20 +367,20 @@ def drive_course(
 ) -> DrivenCourse:
     """Drive a course's route from its start to its end.
 
-    A driver brings the vehicle on its way until navigation is sound, the autopilot does the rest.
+    A driver drives until navigation is sound; the autopilot does the rest.
 
     Args:
-        course, source: that is driven, and its map.
-        spec, setup, route: of the loop.
-        options: of the search.
-        day: the live one.
-        seed: of the faults of the radar, and of all noise.
-        chance: of the map.
-        likelihood: of map and array, where the search is a filter.
-        progress: called for every tick.
+        course, source: course of the drive, and its map.
+        spec, setup, route: settings, setup and route of the loop.
+        options: options of the search.
+        day: day of the drive.
+        seed: seed of the radar's faults and of all noise.
+        chance: chance of a false match on the map.
+        likelihood: likelihood of map and array, for a search by filter.
+        progress: function called for every tick.
 
     Raises:
-        ValueError: a fault that is none of a real search, or that the search does not know; no start on the route.
+        ValueError: a fault does not exist in a real search or is unknown to it, or there is no start on the route.
     """
     _refuse_drawn_faults(setup.faults)
     length_m = float(route.legs.length_m[0])

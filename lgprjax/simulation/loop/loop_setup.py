@@ -59,7 +59,7 @@ from lgprjax.vehicle import Chassis, LookAhead, VehiclePose
 # Parts and state of a closed loop: spec, setup, state, decision.
 
 TICK_S = 1.0 / 21.0
-"""Of the loop: six scans of a 126 Hz radar, two when it records every third."""
+"""Tick of the loop: six scans of a 126 Hz radar, or two if it records every third."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ class LoopSpec:
     """Static settings, the same for all batch elements.
 
     Attributes:
-        tick_s: of the loop.
-        fusion: whose pose is driven by: the error-state filter, or LL's threshold switch.
+        tick_s: tick of the loop.
+        fusion: pose source for control: the error-state filter, or LL's threshold switch.
         delay_slots: substeps of the servo's longest delay.
-        reckons: a second filter runs beside the first, without LGPR: the GNSS/INS that a search starts from and that
-            the switch falls back on.
+        reckons: whether a second filter runs without LGPR: the GNSS/INS pose from which a search starts, and the
+            fallback of the switch.
     """
 
     tick_s: float = TICK_S
@@ -85,15 +85,15 @@ class LoopSpec:
 
 
 class ReportedNoise(NamedTuple):
-    """Variances that the fusion reckons with, a tick.
+    """Variances per tick that the fusion assumes.
 
-    The filter has no state for slow errors of headings: such an error counts as so much more white noise.
+    The filter has no state for slow heading errors: they count as additional white noise.
 
     Attributes:
-        gnss_m2: of a position, an axis.
-        heading_rad2: of an INS heading.
-        odometer_m2ps2: of the odometer.
-        lgpr_yaw_rad2: beside what a fix says of its own heading.
+        gnss_m2: variance of a position, per axis.
+        heading_rad2: variance of an INS heading.
+        odometer_m2ps2: variance of the odometer's speed.
+        lgpr_yaw_rad2: variance added to a fix's reported heading variance.
     """
 
     gnss_m2: Float[Array, "..."]
@@ -106,10 +106,11 @@ class LoopSetup(NamedTuple):
     """World and vehicle of a batch element, and its onboard setup.
 
     Attributes:
-        plant, terrain, sensors, faults: the world's.
-        navigator, autopilot: settings of the parts; noise: of the observations.
-        set_speed_mps: that the operator locked.
-        settled_s: how long health must have been without a complaint before the driver engages the autopilot.
+        plant, terrain, sensors, faults: plant, terrain, sensors and faults of the world.
+        navigator, autopilot: settings of navigator and autopilot.
+        noise: variances of the observations.
+        set_speed_mps: speed locked by the operator.
+        settled_s: time of sound health before the driver engages the autopilot.
     """
 
     plant: Plant
@@ -127,14 +128,14 @@ class LoopState(NamedTuple):
     """State of a batch element from tick to tick.
 
     Attributes:
-        plant, sensors: the world's.
-        onboard: what runs on board, as it stands.
-        driver: who drives before it is engaged: the same laws by eyes that see the true pose.
-        command: drives the next tick.
+        plant, sensors: states of plant and sensors.
+        onboard: state of the onboard step.
+        driver: state of the driver before engagement: the same laws with the true pose.
+        command: command for the next tick.
         gear: +1 or -1.
-        sound_s: for so long health has been without a complaint; the driver engages after ``LoopSetup.settled_s``.
-        handover: whether the computer drives.
-        tick: how many have passed.
+        sound_s: time of sound health; the driver engages after ``LoopSetup.settled_s``.
+        handover: state of the handover to the computer.
+        tick: number of ticks passed.
     """
 
     plant: PlantState
@@ -152,10 +153,10 @@ class Decision(NamedTuple):
     """Decision of a tick, with reasons.
 
     Attributes:
-        engaged: the computer's command is the one that drives.
-        pose_route: that was driven by: navigation's, or before engaging the driver's own eyes.
-        navigated: what navigation gave.
-        autopilot: what the autopilot, or the driver, found out.
+        engaged: whether the computer's command drives.
+        pose_route: pose used for control: navigation's, or before engaging the true pose seen by the driver.
+        navigated: result of navigation.
+        autopilot: details of the autopilot's, or the driver's, step.
     """
 
     engaged: Bool[Array, "..."]
@@ -174,16 +175,16 @@ def start_loop(
     along_m: Float[Array, ""],
     key: PRNGKeyArray,
 ) -> LoopState:
-    """A vehicle that its driver drives along the route until navigation is sound, one batch element.
+    """Initial state: the driver drives along the route until navigation is sound. One batch element.
 
     Args:
-        spec, setup: of the drive.
-        planner: from ``acquire``.
-        pose: true, of the rear axle.
-        believed: what the fusion starts from.
-        speed_mps: true and believed.
-        along_m: place on the terrain.
-        key: of the sensors' errors.
+        spec, setup: settings and setup of the drive.
+        planner: planner state from ``acquire``.
+        pose: true pose of the rear axle.
+        believed: initial pose of the fusion.
+        speed_mps: true and estimated speed.
+        along_m: position along the terrain.
+        key: random key of the sensors' errors.
     """
     zero = jnp.zeros_like(pose.x_m)
     autopilot = init_autopilot(planner, speed_mps, zero)
@@ -213,13 +214,13 @@ _LABEL_RAD, _LABEL_CHANGES_M = 0.00175, 90.0
 
 @dataclass(frozen=True)
 class LoopVehicle:
-    """Vehicle and sensors of a closed loop. None of the numbers is any vehicle's own.
+    """Vehicle and sensors of a closed loop, with invented numbers.
 
     Attributes:
-        vehicle: as it is.
-        anchor_m: centre of the array, which is to follow the route, ahead of the rear axle.
-        set_speed_mps: that the operator locked.
-        gnss_slow_m: how far GNSS wanders from the map's frame, sigma an axis: 3 cm for RTK on one base station.
+        vehicle: true vehicle.
+        anchor_m: distance ahead of the rear axle of the array's centre, which follows the route.
+        set_speed_mps: speed locked by the operator.
+        gnss_slow_m: standard deviation per axis of the slow GNSS error in the map's frame: 3 cm for RTK on one base.
         risk: largest accepted probability of a false match.
     """
 
@@ -231,10 +232,10 @@ class LoopVehicle:
 
 
 def loop_setup(spec: LoopSpec, made_of: LoopVehicle, terrain: Terrain) -> LoopSetup:
-    """The loop of a vehicle whose calibration is good, not perfect.
+    """Setup of a vehicle with a good, imperfect calibration.
 
     Raises:
-        ValueError: its servo's delay is longer than the loop's slots.
+        ValueError: the servo's delay is longer than the loop's slots.
     """
     true = made_of.vehicle
     longest_s = spec.delay_slots * spec.tick_s / SUBSTEPS
@@ -318,7 +319,7 @@ def route_of_road(course: Bare, chassis: Chassis, cruise_mps: float) -> RoutePat
 def start_lanes(
     spec: LoopSpec, setup: LoopSetup, course: Bare, route: RoutePath, errors: FixErrors, keys: Key[Array, " drive"]
 ) -> tuple[LoopState, FixErrorState]:
-    """As many drives as keys, the anchor on the route's start, each fusion wrong by decimetres of its own."""
+    """Initial states, one per key: anchor at the route's start, each fusion with initial errors of decimetres."""
     at = follow_centre(course.road, np.array([_STARTS_AT_M]))
     east, north, yaw = (float(part[0]) for part in (at.east_m, at.north_m, at.yaw_rad))
     lead = float(setup.plant.chassis.anchor_m)
@@ -368,13 +369,13 @@ class TrackingError(NamedTuple):
 def cross_track_m(
     track_m: Float[np.ndarray, "tick 2"], baseline_m: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, " tick"]:
-    """Distance of every place of a track from the line through a baseline, left positive; float64.
+    """Distance of every position of a track from the line through a baseline, left positive; float64.
 
-    The search goes on from the last nearest piece, so that a baseline that crosses itself is followed.
+    The search continues from the last nearest piece, so that a baseline that crosses itself is followed.
 
     Args:
-        track_m: in driving order, beginning near the baseline's start.
-        baseline_m: in driving order, at most a few decimetres apart.
+        track_m: positions in driving order, beginning near the baseline's start.
+        baseline_m: positions in driving order, at most a few decimetres apart.
     """
     pieces = np.diff(baseline_m, axis=0)
     square = np.maximum(np.sum(pieces**2, axis=1), 1e-12)
@@ -397,11 +398,11 @@ def tracking_error(
     baseline_m: Float[np.ndarray, "point 2"],
     counts: Bool[np.ndarray, " tick"],
 ) -> TrackingError:
-    """Figures of a track relative to a baseline, each place weighted by the distance to the next.
+    """Figures of a track relative to a baseline, each position weighted by the distance to the next.
 
     Args:
-        track_m, baseline_m: as for ``cross_track_m``.
-        counts: places that are judged, of those that are followed.
+        track_m, baseline_m: positions as for ``cross_track_m``.
+        counts: mask of positions that count.
     """
     cross = cross_track_m(track_m, baseline_m)[counts]
     way = np.append(np.hypot(*np.diff(track_m, axis=0).T), 0.0)[counts]

@@ -27,7 +27,7 @@ def run_lane(
     *,
     traced: bool = False,
 ) -> tuple[LoopState, FixErrorState, LoopSums, LoopTick | None]:
-    """So many ticks of one drive."""
+    """Simulate ``ticks`` ticks of one drive."""
     element = partial(_tick, spec, setup, route, errors, traced=traced)
     numbers = jnp.arange(ticks)
     (state, fix_state, sums), trace = lax.scan(

@@ -38,14 +38,14 @@ _SURVEY = NavigationErrors(position_sigma_m=0.01, heading_sigma_rad=float(np.rad
 
 @dataclass(frozen=True)
 class OffRoad:
-    """An off-road course. Bends, slopes and roughness are of the size of a track across country, and made up.
+    """An off-road course. Bends, slopes and roughness are invented, of the size of a cross-country track.
 
     Attributes:
-        seed: of everything.
-        length_m: to be driven.
-        scan_share: every so many-th scan of 126 a second is recorded, on the baseline too.
+        seed: seed of all draws.
+        length_m: length to be driven.
+        scan_share: divisor of the 126 scans per second that are recorded, on the baseline too.
         array_x_m: centre of the array ahead of the rear axle.
-        sweeps: what a stepped-frequency radar measures, on the baseline too; None for one that records traces.
+        sweeps: sweep plan of a stepped-frequency radar, on the baseline too; ``None`` for a radar that records traces.
     """
 
     seed: int
@@ -56,7 +56,7 @@ class OffRoad:
 
     @property
     def scan_hz(self) -> float:
-        """Scans a second that are recorded."""
+        """Recorded scans per second."""
         return SCAN_HZ / self.scan_share
 
 
@@ -64,9 +64,9 @@ class Bare(NamedTuple):
     """A course without its ground: its effect on a vehicle.
 
     Attributes:
-        spec: what it was made from.
-        road: in plan and profile.
-        terrain: what it does to vehicles.
+        spec: specification of the course.
+        road: road in plan and profile.
+        terrain: effect of the course on vehicles.
     """
 
     spec: OffRoad
@@ -75,12 +75,13 @@ class Bare(NamedTuple):
 
 
 class Laid(NamedTuple):
-    """A course with its ground, its baseline not recorded.
+    """A course with its ground, without a recorded baseline.
 
     Attributes:
         spec, road, terrain: as in ``Bare``.
-        ground: under it.
-        array: that vehicles carry; plan: how the baseline is driven, and what springs vehicles have.
+        ground: ground under the road.
+        array: antenna array of the vehicles.
+        plan: plan of the baseline, and spring motion of the vehicles.
     """
 
     spec: OffRoad
@@ -92,14 +93,15 @@ class Laid(NamedTuple):
 
 
 class OffRoadCourse(NamedTuple):
-    """A course with its ground, and how its baseline truly went.
+    """A course with its ground, and its baseline with the true positions.
 
     Attributes:
         spec, road, terrain: as in ``Bare``.
-        ground: under it.
-        array: that vehicles carry; plan: how the baseline was driven, and what springs vehicles have.
-        baseline: its drive log.
-        anchor_m: true places of the array's centre on the baseline, in the scene's frame, scan after scan.
+        ground: ground under the road.
+        array: antenna array of the vehicles.
+        plan: plan of the baseline, and spring motion of the vehicles.
+        baseline: path of the baseline's drive log.
+        anchor_m: true positions of the array's centre on the baseline, in the scene's frame, one per scan.
     """
 
     spec: OffRoad
@@ -163,7 +165,7 @@ def lay_course(spec: OffRoad) -> Laid:
 
 
 def baseline_poses(laid: Laid) -> Float[np.ndarray, "scan 5"]:
-    """How the baseline truly goes: ``poses_at`` of the rear axle in the scene's frame at every scan, lost ones too."""
+    """True poses of the baseline: the rear axle in the scene's frame at every scan, including lost ones."""
     motion = plan_motion(laid.plan, laid.spec.seed, laid.road)
     return poses_at(motion, scan_times(motion))
 

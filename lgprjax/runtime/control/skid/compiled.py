@@ -40,13 +40,14 @@ class SkidResult(NamedTuple):
     """Results of a tick as plain numbers.
 
     Attributes:
-        x_m, y_m, yaw_rad: of the reference point; xx ... yawyaw: their covariance.
-        speed_mps, sigma_m: forward, and of the position's larger axis.
-        heading_known, reaction, reasons: of navigation.
+        x_m, y_m, yaw_rad: pose of the reference point.
+        xx ... yawyaw: covariance of the pose.
+        speed_mps, sigma_m: forward speed, and standard deviation of the position's larger axis.
+        heading_known, reaction, reasons: state of navigation.
         accepted, offered: bits of the sources.
-        cross_m, heading_error_rad, to_go_m, line, works, done, off_m: the plan, driven where it wants the tool, and the
-            vehicle's distance from it.
-        edge: a crossing of the fence is predicted.
+        cross_m, heading_error_rad, to_go_m, line, works, done, off_m: plan of the guidance (``works``: the plan wants
+            the tool on), and the vehicle's distance from its line.
+        edge: whether a crossing of the fence is predicted.
         left_mps, right_mps, tool, depth_m, limited: the command and the limiter's bits.
     """
 

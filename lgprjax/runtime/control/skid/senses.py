@@ -8,13 +8,13 @@ from lgprjax.runtime.config import SensorsTable
 from lgprjax.runtime.control.senses import BoxStatus, LineSenses, LocalAttitude, LocalPosition, TurnRate
 from lgprjax.runtime.gnss import Quality
 
-# Turns of the vehicle by the INS, ten times a second, from any of its messages.
+# Turns of the vehicle by the INS, ten times per second, from any of its messages.
 #
 # Only changes of a heading are used: an INS at standstill does not know north. Messages with an attitude are preferred;
 # without any, a yaw rate is integrated.
 
 _LEAST_NS = 95_000_000
-"""A faster INS is read ten times a second: the noise of a turn is that of its two ends."""
+"""A faster INS is read ten times per second: the noise of a turn is that of its two ends."""
 _APART_NS = 500_000_000
 """Rates farther apart than this are not integrated."""
 
@@ -75,14 +75,16 @@ class SkidSensed(NamedTuple):
     """Data since the last tick, and the state at its end.
 
     Attributes:
-        step_s: since the last tick.
-        left_mps, right_mps: mean speeds of the tracks since the last skid_status of the tick before; as last measured
-            without one; NaN if unknown.
-        place: new in this tick, else ``None``; turn: by the INS, likewise.
-        box: the last skid_status; ``None`` before the first.
-        box_age_s: since it arrived; infinite before the first.
-        gnss_age_s: since the newest position was measured; infinite before the first. ins_age_s: of the newest turn.
-        quality: of the newest position while it is younger than 1.5 periods.
+        step_s: time since the last tick.
+        left_mps, right_mps: mean speeds of the tracks since the last skid_status of the previous tick; the last
+            measured speeds without one; NaN if unknown.
+        place: new position of this tick, or ``None``.
+        turn: new INS turn of this tick, or ``None``.
+        box: last skid_status; ``None`` before the first.
+        box_age_s: time since its arrival; infinite before the first.
+        gnss_age_s: time since the measurement of the newest position; infinite before the first.
+        ins_age_s: age of the newest turn.
+        quality: quality of the newest position while it is younger than 1.5 periods.
     """
 
     step_s: float
@@ -101,8 +103,8 @@ class SkidSenses(LineSenses):
     """Takes the lines' messages one by one.
 
     Args:
-        frame: of the plan; without one the first position becomes its anchor.
-        sensors: of the configuration.
+        frame: frame of the plan; ``None``: the first position becomes its anchor.
+        sensors: sensor table of the configuration.
     """
 
     def __init__(self, frame: LocalFrame | None, sensors: SensorsTable) -> None:
@@ -142,7 +144,7 @@ class SkidSenses(LineSenses):
         )
 
     def _measure_speeds(self, now_ns: int) -> None:
-        """From the box's own stamps, which do not jitter like arrivals."""
+        """Measure the track speeds from the box's own stamps, which do not jitter like arrivals."""
         box, before = self.box, self._counted
         if box is None:
             return

@@ -35,22 +35,22 @@ _ANYWHERE_M = 5000.0
 
 
 class SkidLoaded(NamedTuple):
-    """Everything read.
+    """Contents of the files of a run.
 
     Attributes:
-        setup: of the compiled step.
+        setup: setup of the compiled step.
         belief: commanded state of the tool.
-        frame: of the plan; without one that of a control loop that died, else ``None``.
-        name: of the field; ``None`` without a plan: nothing can be driven then.
-        perimeter_m: of the field, corners; none without a plan.
-        lines: of the plan.
-        route, fence: as the step takes them; without a plan they are empty.
-        ground: that the fence is around; ``None`` without a plan.
-        pattern: of the plan, whole; ``None`` without one.
-        taken_up: of earlier runs; ``None`` where the plan begins anew.
-        machine: name and serial number: whose run it is.
-        gnss_period_s: from one position to the next.
-        hashes: of every file read, by its name in the configuration.
+        frame: frame of the plan; without a plan that of a dead control loop, else ``None``.
+        name: name of the field; ``None`` without a plan, when nothing can be driven.
+        perimeter_m: corners of the field; none without a plan.
+        lines: number of lines of the plan.
+        route, fence: inputs of the step; empty without a plan.
+        ground: ground inside the fence; ``None`` without a plan.
+        pattern: whole pattern of the plan; ``None`` without a plan.
+        taken_up: resumed work of earlier runs; ``None`` if the plan begins anew.
+        machine: name and serial number of the machine.
+        gnss_period_s: period of positions.
+        hashes: hash of every file read, by its name in the configuration.
     """
 
     setup: SkidSetup
@@ -72,15 +72,15 @@ class SkidLoaded(NamedTuple):
 def load_skid(
     config: RuntimeConfig, place: RoutePlace | None = None, anchor: Sequence[float] | None = None
 ) -> SkidLoaded:
-    """Read vehicle and plan, and what is taken up of earlier runs.
+    """Read vehicle, plan, and resumed work of earlier runs.
 
     Args:
-        config: of the run.
-        place: to begin at, of a control loop that was relaunched; ``None``: where the run begins.
-        anchor: without a plan, latitude, longitude and height of the frame of a control loop that was relaunched.
+        config: configuration of the run.
+        place: place to begin at after a relaunch of the control loop; ``None``: the run's start.
+        anchor: without a plan, latitude, longitude and height of the frame of a relaunched control loop.
 
     Raises:
-        InputError: the vehicle file or the plan cannot be used, the plan is for another tool, or what is taken up is of
+        InputError: the vehicle file or the plan cannot be used, the plan is for another tool, or the resumed work is of
             another plan.
     """
     assert config.coverage is not None
@@ -150,7 +150,7 @@ def load_skid(
 
 
 def _taken_up(config: RuntimeConfig, hashes: dict[str, str]) -> TakenUp:
-    """What earlier runs worked; its hash is added."""
+    """Work of earlier runs; the hash of its file is added."""
     assert config.coverage is not None
     assert config.coverage.plan is not None
     assert config.coverage.resume is not None
@@ -164,11 +164,11 @@ def _taken_up(config: RuntimeConfig, hashes: dict[str, str]) -> TakenUp:
 
 
 PROGRESS_FILE = "progress.json"
-"""In the run's folder: the place of the newest moment that counted, for a control loop that is relaunched."""
+"""File in the run's folder with the place of the newest counting moment, for a relaunched control loop."""
 
 
 def place_after_death(folder: Path, pattern: Pattern) -> RoutePlace | None:
-    """Where a relaunched control loop goes on; ``None`` where nothing had counted."""
+    """Place at which a relaunched control loop continues; ``None`` if no moment had counted."""
     try:
         told = json.loads((folder / PROGRESS_FILE).read_text(encoding="utf-8"))
         last = RoutePlace(int(told["line"]), float(told["along_m"]))
@@ -223,10 +223,10 @@ def corner_row(number: int, result: SkidResult, frame: LocalFrame, up_m: float) 
     """The ``CORNER`` record, JSON.
 
     Args:
-        number: of the corner in this run, from 1.
-        result: of the tick.
-        frame: that the pose is in.
-        up_m: height of the last position in it.
+        number: number of the corner in this run, from 1.
+        result: result of the tick.
+        frame: frame of the pose.
+        up_m: height of the last position in the frame.
     """
     latitude, longitude, height = frame.to_geodetic(np.array([result.x_m]), np.array([result.y_m]), np.array([up_m]))
     corner = {

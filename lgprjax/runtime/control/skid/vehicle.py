@@ -69,7 +69,7 @@ class FieldPanel:
     """Keeps display data in addition to the tick's numbers.
 
     Args:
-        loaded: from ``load_skid``.
+        loaded: files from ``load_skid``.
     """
 
     def __init__(self, loaded: SkidLoaded) -> None:
@@ -136,11 +136,11 @@ class SkidPilot:
     """Navigation and autopilot of one vehicle.
 
     Args:
-        loaded: from ``load_skid``.
-        coverage: of the configuration.
+        loaded: files from ``load_skid``.
+        coverage: coverage table of the configuration.
 
     Attributes:
-        result: of the last tick; all NaN before there is a position.
+        result: result of the last tick; all NaN before there is a position.
     """
 
     def __init__(self, loaded: SkidLoaded, coverage: CoverageTable) -> None:
@@ -209,7 +209,7 @@ def _numbers(sensed: SkidSensed, wish: Wish, cap_mps: float, now_ns: int) -> Ski
     )
 
 
-# Rows of a skid-steer vehicle's tick: its decision, and ten times a second the state of its tool.
+# Rows of a skid-steer vehicle's tick: its decision, and ten times per second the state of its tool.
 
 
 def skid_plan_row(
@@ -233,8 +233,8 @@ def skid_plan_row(
 def tool_bits(belief: ToolBelief, sent: SkidSent, reading: ToolReading | None, *, heading_known: bool) -> ToolBits:
     """Bits of the tool; commanded on requires that the computer drives.
 
-    Cells count by what is measured: a tool that turns at its depth works the ground whoever drives. While the computer
-    drives, it must have been told on as well: what it was told to leave it may have left.
+    Cells count by measurement: a tool that turns at its depth works the ground under any driver. While the computer
+    drives, the tool must also be commanded on, because ground that it was to leave may have been left.
     """
     bits = ToolBits(0)
     if sent.tool and sent.engage & DRIVE:
@@ -268,7 +268,7 @@ def cover_row(
     ]
     row["speed_mps"], row["left_mps"], row["right_mps"] = result.speed_mps, sensed.left_mps, sensed.right_mps
     row["tool"], row["depth_m"] = int(tool), math.nan if reading is None else reading.depth_m
-    # Driven by hand the vehicle is on no line of the plan, wherever it left its route.
+    # Driven by hand the vehicle counts as on no line of the plan.
     row["mode"], row["line"] = mode, whole(result.line, -1) if mode == Mode.SPEED else -1
     row["stop"] = int(_stops(Mode(mode), bits, found))
     row["gnss_quality"] = int(sensed.quality)
@@ -287,7 +287,7 @@ _DEGRADED_MPS = 0.2
 _WAITS = "position too uncertain to go on: waiting for GNSS"
 _NEAR_M = 10.0
 _GNSS_OFF_S = 1.6
-"""As on the page."""
+"""Age from which GNSS counts as off, as on the page."""
 _TURNED_RAD = 1.6
 _VEHICLE_NOTHING = SkidSensed(0.0, math.nan, math.nan, None, None, None, math.inf, math.inf, math.inf, Quality.NONE)
 
@@ -296,12 +296,13 @@ class SkidSteerVehicle:
     """See ``VehicleKind``. Engaged with steering it is held at standstill; with speed it drives its plan.
 
     Args:
-        config: of the run, with a table ``coverage``.
-        loaded: its files.
+        config: configuration of the run, with a table ``coverage``.
+        loaded: files of the run.
 
     Attributes:
-        pilot: navigation and autopilot; senses: messages received.
-        speed_control: it turns by its speeds.
+        pilot: navigation and autopilot.
+        senses: received messages.
+        speed_control: always true, because the vehicle turns by its wheel speeds.
     """
 
     def __init__(self, config: RuntimeConfig, loaded: SkidLoaded) -> None:
@@ -386,7 +387,7 @@ class SkidSteerVehicle:
         self.pilot.step(self._sensed, wish, _DEGRADED_MPS if slow else math.inf, now_ns)
 
     def command(self, engage: int) -> OutgoingFrame:
-        """What is sent."""
+        """Command to send."""
         result = self.pilot.result
         numbers = (result.left_mps, result.right_mps, result.depth_m)
         held = DRIVE if engage & (STEERING | PEDALS) else 0
@@ -418,7 +419,8 @@ class SkidSteerVehicle:
     def warnings(self) -> list[str]:
         """Warnings to the operator."""
         age_s = self._sensed.gnss_age_s
-        # There must not be "no warnings" beside the page's own line of it; once health calls it silent, that is one.
+        # "No warnings" must not appear next to the page's own line on it; once health reports silence, there is a
+        # warning.
         told = whole(self.pilot.result.reasons) & Reason.GNSS_SILENT
         off = [f"GNSS off for {age_s:.0f} s"] if _GNSS_OFF_S < age_s < math.inf and not told else []
         return [*describe(self._watched.bits), *describe_found(self._found()), *off]
@@ -430,13 +432,13 @@ class SkidSteerVehicle:
         return findings.TEXT[SkidFound.HEADING_UNKNOWN] if self._found() & SkidFound.HEADING_UNKNOWN else ""
 
     def slow(self) -> list[str]:
-        """What caps the speed: watches and health."""
+        """Reasons of the speed cap: watches and health."""
         result, watched = self.pilot.result, self._watched
         cause = watched.severity is Severity.DEGRADE
         words = describe(watched.bits) if cause else []
         if result.reaction != Reaction.DEGRADE:
             return words
-        # What the reason means for this vehicle stands first: it is why it does not move.
+        # The consequence for this vehicle comes first, because it is why the vehicle does not move.
         waits = bool(whole(result.reasons) & Reason.UNCERTAIN)
         others = reason_words(whole(result.reasons) & ~Reason.UNCERTAIN)
         return [*words, *([_WAITS] if waits else []), *others]

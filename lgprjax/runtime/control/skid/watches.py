@@ -63,7 +63,7 @@ TEXT = {
     SkidFound.UNCERTAIN: "position too uncertain: no GNSS for too long?",
     SkidFound.OFF_LINE: "off the working line: stopping",
 }
-"""Each finding in plain words."""
+"""Text of each finding."""
 
 REFUSING = SkidFound.REMOTE_SILENT | SkidFound.LEFT_DEAD | SkidFound.RIGHT_DEAD | SkidFound.HEADING_UNKNOWN
 """Findings that inhibit engaging; the others arise while it drives."""
@@ -119,7 +119,7 @@ _MOVES_MPS = 0.02
 
 
 class ToolReading(NamedTuple):
-    """Of the newest status of a box that is heard: whether the tool turns, and how deep it is."""
+    """Newest fresh status of the box: whether the tool turns, and its depth."""
 
     turns: bool
     depth_m: float
@@ -158,11 +158,11 @@ def step_tool_watch(
 
     Args:
         belief: commanded state of the tool.
-        state: of the last tick.
-        reading: ``None`` before the box has reported, and while it is silent.
-        commanded_on: by the last command.
-        speed_mps: of the vehicle; NaN counts as moving.
-        step_s: since the last tick.
+        state: state of the last tick.
+        reading: reading of the tool; ``None`` before the box has reported, and while it is silent.
+        commanded_on: whether the last command turned the tool on.
+        speed_mps: speed of the vehicle; NaN counts as moving.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     commanded_s = state.commanded_s + step_s if commanded_on else 0.0
@@ -204,11 +204,11 @@ def step_track_watch(
     """State and findings of a tick.
 
     Args:
-        state: of the last tick.
-        commanded_mps: left and right by the last command.
-        measured_mps: left and right; NaN counts as standing.
-        drives: the box was commanded to drive, and does.
-        step_s: since the last tick.
+        state: state of the last tick.
+        commanded_mps: left and right speed of the last command.
+        measured_mps: left and right measured speed; NaN counts as standstill.
+        drives: whether the box was commanded to drive, and does.
+        step_s: time since the last tick.
     """
     step_s = counted_step_s(step_s)
     dwells: list[Dwell] = []
@@ -244,10 +244,11 @@ class SkidWatched(NamedTuple):
     """Results of the watches in a tick.
 
     Attributes:
-        bits, found: findings that all vehicles share, and those of this kind; severity: the largest of both.
-        events: of buttons and motion, in their order.
-        corner: the button that marks a corner was pressed.
-        reading: of the tool; ``None`` before the box was received, and while it is silent.
+        bits, found: findings common to all vehicles, and those of this kind.
+        severity: largest severity of all findings.
+        events: events of buttons and motion, in their order.
+        corner: whether the button that marks a corner was pressed.
+        reading: reading of the tool; ``None`` before the box was received, and while it is silent.
     """
 
     bits: Watch
@@ -262,31 +263,31 @@ class SkidWatches:
     """The watches' states.
 
     Args:
-        control: of the configuration.
+        control: control table of the configuration.
         tool: commanded state of the tool.
     """
 
     def __init__(self, control: ControlTable, tool: ToolBelief) -> None:
-        # Its drives hold at standstill: there is no brake to test.
+        # Its drives hold at standstill, so there is no brake to test.
         self._shared, self._belief = SharedWatches(control, DRIVE, tests_brake=False), tool
         self._tool, self._tracks = ToolWatchState(), TrackWatchState()
         self._corner_down, self._last = True, 0
         self._held = SkidFound(0)
 
     def step(self, sensed: SkidSensed, sent: SkidSent, operator: Operator, *, off_line: bool) -> SkidWatched:
-        """A tick.
+        """Run a tick.
 
         Args:
-            sensed: of the tick.
-            sent: command of the last one.
-            operator: since the last one.
-            off_line: the plan wanted the tool in the last tick, too far from its line.
+            sensed: sensor data of the tick.
+            sent: command of the last tick.
+            operator: operator inputs since the last tick.
+            off_line: whether the plan wanted the tool in the last tick, too far from its line.
         """
         box, step_s = sensed.box, sensed.step_s
         drives = bool(sent.engage & DRIVE)
         state, engaged = (0, 0) if box is None else (box.bits("state"), box.bits("engaged"))
         speed = 0.5 * (sensed.left_mps + sensed.right_mps)
-        # What a silent box said last is no measurement of the present: it would count ground as worked for ever.
+        # The last status of a silent box is not a present measurement: it would count ground as worked for ever.
         heard = box is not None and 0.0 <= sensed.box_age_s <= SILENT_S
         reading = ToolReading(bool(box.bits("tool") & 1), box.number("depth_m")) if box is not None and heard else None
         self._tool, found = step_tool_watch(
