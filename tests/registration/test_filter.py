@@ -22,10 +22,11 @@ from lgprjax.scene import WEATHER
 from lgprjax.subsurface import Tile
 
 PLANES, CHANNELS, KEPT, SHAPE, REACH = 3, 4, 6, (13, 11), (4, 4)
+FACING = 0.8, 0.6
 STEP_M = np.array([0.08, 0.11])
 NEIGHBOUR = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
 LOST, FOREIGN, BACK, MIXING, SPACING_M = 2e-3, 3e-3, 4e-2, 0.5, 0.1
-VARIANCE, MEMORY, TAIL, WAVELENGTH_M = 0.02, 2.0, 0.1, 0.4
+VARIANCE, MEMORY, TAIL, WAVELENGTH_M = 0.02, 2.0, 0.1, 0.8
 
 
 def test_places_between_cells_lie_between_them() -> None:
@@ -103,6 +104,7 @@ def a_stop(ground: LatticeGround, seed: int, place: tuple[float, float] | None, 
         jnp.asarray([1.0, 1.0, 0.0, 1.0], jnp.float32),
         jnp.asarray([9.3, 8.8], jnp.float32),
         jnp.asarray(offset, jnp.float32),
+        jnp.asarray(FACING, jnp.float32),
         jnp.float32(travel_m),
         jnp.asarray([0.03, 0.02], jnp.float32),
         jnp.float32(0.01),
@@ -179,10 +181,14 @@ def expected(state: FilterState, stop: Stop, ground: LatticeGround) -> tuple[np.
     mass, foreign = mass / whole, foreign / whole
     there = mass.sum(axis=(0, 1))
     mode = np.array(np.unravel_index(np.argmax(there), SHAPE))
-    away = np.hypot(
-        *np.meshgrid(*((np.arange(n) - m) * s for n, m, s in zip(SHAPE, mode, STEP_M, strict=True)), indexing="ij")
-    )
-    return mass, foreign, foreign + there[away > 0.3].sum()
+    # Ahead and aside of the mode, in the vehicle's heading.
+    apart = np.array([(np.array(at) - mode) * STEP_M for at in np.ndindex(*SHAPE)])
+    cos, sin = FACING
+    ahead, aside = np.abs(apart @ [cos, sin]), np.abs(apart @ [-sin, cos])
+    near = (ahead <= 0.3) & (aside <= 0.3)
+    variance = np.average(aside[near] ** 2, weights=there.ravel()[near])
+    reach = min(max(0.3, 4.0 * np.sqrt(variance)), max(0.3, 0.5 * WAVELENGTH_M))
+    return mass, foreign, foreign + there.ravel()[(ahead > 0.3) | (aside > reach)].sum()
 
 
 def led(state: FilterState, stops: list[Stop], ground: LatticeGround) -> tuple[FilterState, Posterior]:

@@ -30,8 +30,8 @@ _MOST_STEP_M = 0.08  # as 0.3 m aside is another place, which the posterior must
 _COMPONENTS = 32
 _SEARCHING_M = 0.06  # from stop to stop while the whole region is searched, where short waves would have them closer
 _NARROW = 2  # channels
-_SCALES = np.arange(0.92, 1.1301, 0.03)
-_NEAR_SCALE = 0.012
+_SCALES = np.arange(0.92, 1.1301, 0.015)
+_NEAR_SCALE = 0.0075
 _ROOM_M = 0.5  # by which the lattice reaches beyond the region
 _HELD = 1.5  # wavelengths about a known place, and no less than
 _HELD_M = 0.5
@@ -77,7 +77,8 @@ class Followed(NamedTuple):
 
     Attributes:
         error_m: mode of the error of dead reckoning, east and north.
-        p_false, foreign, rim, r, cover, widest, variance: see ``Posterior``.
+        p_false, foreign, rim, r, cover, widest, variance, aside_m2: see ``Posterior``.
+        heading: of the prior, radians.
         scale, height_m: mean over the alternatives.
         rho: mean of the repeatability.
         crop: mass of the places about the mode; ``first_m`` the error at the crop's first place, ``yaw`` its axis.
@@ -91,6 +92,8 @@ class Followed(NamedTuple):
     cover: Float[np.ndarray, " stop"]
     widest: Float[np.ndarray, " stop"]
     variance: Float[np.ndarray, " stop"]
+    aside_m2: Float[np.ndarray, " stop"]
+    heading: Float[np.ndarray, " stop"]
     scale: Float[np.ndarray, " stop"]
     height_m: Float[np.ndarray, " stop"]
     rho: Float[np.ndarray, " stop"]
@@ -396,7 +399,9 @@ class DriveFilter:
         self._state, posterior = run(self._state, chunk, ground, self._model(), reach=reach, crop=self.crop)
         last = int(heard[-1])
         self._last = float(stops.path_m[last]), int(stops.leg[last]), self._raw(stops, last)
-        return self._reported(jax.tree.map(lambda field: np.asarray(field)[: len(heard)], posterior))
+        return self._reported(
+            jax.tree.map(lambda field: np.asarray(field)[: len(heard)], posterior), stops.pose[heard, 3]
+        )
 
     def _heard(
         self,
@@ -436,12 +441,14 @@ class DriveFilter:
             self._components,
             self.ground.basis.angular_frequency_rad_per_ns,
         )
+        turn = stops.pose[at, 3] - frame[2]
         wander_m2 = travel_m * (_WANDER_M**2 + np.minimum(stops.sigma_yaw_rad[at], 0.1) ** 2)
         chunk = Stop(
             live,
             jnp.asarray(stops.valid[at] & inside[:, None], jnp.float32),
             jnp.asarray(np.where(inside[:, None], corner, np.asarray(reach)), jnp.float32),
-            jnp.asarray(channel_offsets(body_m, stops.pose[at, 3] - frame[2], self.step_m), jnp.float32),
+            jnp.asarray(channel_offsets(body_m, turn, self.step_m), jnp.float32),
+            jnp.asarray(np.stack([np.cos(turn), np.sin(turn)], axis=-1), jnp.float32),
             jnp.asarray(travel_m, jnp.float32),
             jnp.asarray(wander_m2[:, None] / self.step_m**2, jnp.float32),
             jnp.asarray(leap, jnp.float32),
@@ -516,7 +523,7 @@ class DriveFilter:
             whole=jnp.asarray(not held),
         )
 
-    def _reported(self, posterior: Posterior) -> Followed:
+    def _reported(self, posterior: Posterior, heading: Float[np.ndarray, " heard"]) -> Followed:
         assert self._lattice is not None
         lattice = self._lattice
         half = np.asarray(lattice.shape) // 2
@@ -528,9 +535,10 @@ class DriveFilter:
         crop = np.zeros((count, self.crop, self.crop), np.float32)
         size = posterior.crop.shape[1:]
         crop[:, : size[0], : size[1]] = posterior.crop
-        same = ("p_false", "foreign", "rim", "r", "cover", "widest", "variance")
+        same = ("p_false", "foreign", "rim", "r", "cover", "widest", "variance", "aside_m2")
         return Followed(
             error_m=lattice.centre_m + ((posterior.mode - half) * self.step_m) @ turn,
+            heading=heading,
             scale=share @ lattice.planes.scale,
             height_m=share @ lattice.planes.height_m,
             rho=rho @ np.asarray(RHOS) / np.maximum(rho.sum(axis=1), 1e-30),

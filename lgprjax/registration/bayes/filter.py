@@ -11,16 +11,18 @@ the host; on board a chunk is one stop. Source: Bayes filters on grids (Thrun, B
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.registration.bayes.likelihood import RHOS, Likelihood, evidence
 from lgprjax.registration.bayes.score import LatticeGround, Surface, correlate
 from lgprjax.registration.fix import WRONG_M
 
+ArrayT = TypeVar("ArrayT", Array, np.ndarray)
 _SCATTER_M = 2.0
 """Travel over which the drive's own scatter is averaged."""
 _BESIDE = (7, 7)
@@ -28,6 +30,8 @@ _BESIDE = (7, 7)
 _LEAST_CELLS = 24.0
 _LEAST_FAR = 200.0
 """Places that tell of foreign ground: those of a lattice over the whole region."""
+SURE_SIGMAS = 4.0
+_MOST_ASIDE = 0.5  # of the wavelength: beyond it a place resembles the mode's by chance alone
 _KEPT = 15.0 / 16.0
 """Of a sum of correlations, from stop to stop."""
 
@@ -58,6 +62,7 @@ class Stop(NamedTuple):
         valid: 1 for channels that hold data.
         corner: of the lattice on the ground, see ``correlate``.
         offset: of the channels.
+        facing: heading as a unit vector, along and across.
         travel_m: since the stop before, never negative.
         wander: variance that the error gains on the way, along and across, in squared lattice steps.
         leap: probability that dead reckoning has lost its place: an observed step of positions.
@@ -68,6 +73,7 @@ class Stop(NamedTuple):
     valid: Float[Array, "*stop channel"]
     corner: Float[Array, "*stop 2"]
     offset: Float[Array, "*stop channel 2"]
+    facing: Float[Array, "*stop 2"]
     travel_m: Float[Array, "*stop"]
     wander: Float[Array, "*stop 2"]
     leap: Float[Array, "*stop"]
@@ -107,13 +113,14 @@ class Posterior(NamedTuple):
 
     Attributes:
         mode: place with the largest mass, along and across.
-        p_false: probability of everything farther than 0.3 m from the mode, foreign ground included.
+        p_false: probability of everything elsewhere (``elsewhere``), foreign ground included.
         foreign: of it, foreign ground and all beyond the lattice.
         rim: mass in the outermost places of the lattice.
         plane, rho: mass of the alternatives and of the repeatabilities.
         r: correlation at the mode, for the alternative with the largest mass.
         cover: share of the array on the map there; ``widest`` the largest on the lattice.
         variance: see ``FilterState``.
+        aside_m2: variance of the place at right angles to the heading, within 0.3 m of the mode.
         crop: mass of the places about the mode; ``crop_at`` its first one.
     """
 
@@ -127,6 +134,7 @@ class Posterior(NamedTuple):
     cover: Float[Array, "*stop"]
     widest: Float[Array, "*stop"]
     variance: Float[Array, "*stop"]
+    aside_m2: Float[Array, "*stop"]
     crop: Float[Array, "*stop _ _"]
     crop_at: Int[Array, "*stop 2"]
 
@@ -222,7 +230,28 @@ def scatter(state: FilterState, stop: Stop, ground: LatticeGround, model: Model,
     return state._replace(variance=renewed(state.variance, square / jnp.maximum(cells, 1.0), heard, stop.travel_m))
 
 
-def report(state: FilterState, surface: Surface, model: Model, crop: int) -> Posterior:
+def elsewhere(place: ArrayT, ahead_m: ArrayT, aside_m: ArrayT, wavelength_m: ArrayT) -> tuple[ArrayT, ArrayT]:
+    """Mass elsewhere: more than 0.3 m from the mode along the heading, or aside by that and by four sigmas.
+
+    An array narrower than a wavelength cannot tell places aside from each other as it can those ahead; its fixes state
+    that sigma, and a place within it is no other place. Half a wavelength away is another one in any case.
+
+    Args:
+        place: mass of each place, the last two axes; of NumPy or of JAX.
+        ahead_m, aside_m: of each from the mode, in the vehicle's heading.
+        wavelength_m: in the soil.
+
+    Returns:
+        the mass, and the variance aside within 0.3 m, m².
+    """
+    near = ((abs(ahead_m) <= WRONG_M) & (abs(aside_m) <= WRONG_M)).astype(place.dtype) * place
+    variance_m2 = (near * aside_m**2).sum((-2, -1)) / (near.sum((-2, -1)) + 1e-30)
+    reach_m = (SURE_SIGMAS * variance_m2**0.5).clip(WRONG_M, (_MOST_ASIDE * wavelength_m).clip(WRONG_M))
+    far = (abs(ahead_m) > WRONG_M) | (abs(aside_m) > reach_m[..., None, None])
+    return (far.astype(place.dtype) * place).sum((-2, -1)), variance_m2
+
+
+def report(state: FilterState, surface: Surface, facing: Float[Array, "2"], model: Model, crop: int) -> Posterior:
     """What the state says."""
     place = jnp.sum(state.mass, axis=(0, 1))
     size = place.shape
@@ -231,8 +260,9 @@ def report(state: FilterState, surface: Surface, model: Model, crop: int) -> Pos
         (jnp.arange(size[axis], dtype=jnp.float32) - mode[axis].astype(jnp.float32)) * model.step_m[axis]
         for axis in range(2)
     )
-    away_m2 = along[:, None] ** 2 + cross[None] ** 2
-    far = jnp.sum(jnp.where(away_m2 > WRONG_M**2, place, 0.0))
+    ahead = along[:, None] * facing[0] + cross[None] * facing[1]
+    aside = cross[None] * facing[0] - along[:, None] * facing[1]
+    far, aside_m2 = elsewhere(place, ahead, aside, model.wavelength_m)
     plane, rho = jnp.sum(state.mass, axis=(1, 2, 3)), jnp.sum(state.mass, axis=(0, 2, 3))
     r = surface.r[jnp.argmax(plane)]
     shape = (min(crop, size[0]), min(crop, size[1]))
@@ -249,6 +279,7 @@ def report(state: FilterState, surface: Surface, model: Model, crop: int) -> Pos
         cover=surface.cover[mode[0], mode[1]],
         widest=jnp.max(surface.cover),
         variance=state.variance,
+        aside_m2=aside_m2,
         crop=jax.lax.dynamic_slice(place, (first[0], first[1]), shape),
         crop_at=first,
     )
@@ -261,7 +292,7 @@ def step(
     size = (state.mass.shape[2], state.mass.shape[3])
     surface = correlate(ground, stop.live, stop.valid, stop.corner, stop.offset, size, reach)
     after = weigh(predict(state, stop, model), surface, stop, model)
-    posterior = report(after, surface, model, crop)
+    posterior = report(after, surface, stop.facing, model, crop)
     after = scatter(after, stop, ground, model, reach)
     return jax.tree.map(lambda new, old: jnp.where(stop.there, new, old), after, state), posterior
 

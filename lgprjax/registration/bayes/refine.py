@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.registration.bayes.drive import DriveFilter, Followed
+from lgprjax.registration.bayes.filter import SURE_SIGMAS
 from lgprjax.registration.candidates import map_odometry_covariance
 from lgprjax.registration.estimates import unknown_attitude
 from lgprjax.registration.fix import WRONG_M, Code, Fix, blank_fixes
@@ -95,6 +96,7 @@ def fixes_of(
         _finish(stops, some, first, last, batch, prepared, led, least, fixes)
     # Matches of the filter weigh several stops by how they depend on each other: they need no pooled scale.
     _add_what_no_match_sees(own, fixes, unknown, max(sigma_scale / POOLED_SIGMA, 1.0))
+    _widen(own, fixes, found.aside_m2)
     beside = map_odometry_covariance(prepared, tiles, fixes, 0.0)
     fixes.covariance[:, :2, :2] += np.nan_to_num(beside)
     return fixes, beside, scale
@@ -214,6 +216,15 @@ def _finish(
     astray = np.asarray(found.unfinished) | (away > _AWAY * wavelength_m)
     ok = fixes.code[own] == Code.OK
     fixes.code[own] = np.where(ok & lost, Code.LOW_OVERLAP, np.where(ok & astray, Code.EDGE, fixes.code[own]))
+
+
+def _widen(stops: Stops, fixes: Fix, aside_m2: Float[np.ndarray, " stop"]) -> None:
+    """State the filter's own spread aside where its ``p_false`` leaves places within it out (``elsewhere``)."""
+    yaw = stops.pose[:, 3]
+    side = np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
+    stated_m2 = np.einsum("si,sij,sj->s", side, np.asarray(fixes.covariance)[:, :2, :2], side)
+    missing_m2 = np.where(SURE_SIGMAS**2 * aside_m2 > WRONG_M**2, np.maximum(aside_m2 - stated_m2, 0.0), 0.0)
+    fixes.covariance[:, :2, :2] += missing_m2[:, None, None] * side[:, :, None] * side[:, None, :]
 
 
 def _add_what_no_match_sees(stops: Stops, fixes: Fix, unknown: Float[np.ndarray, "3"], sigma_scale: float) -> None:

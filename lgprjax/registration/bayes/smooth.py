@@ -9,16 +9,22 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lgprjax.registration.bayes.drive import Followed
-from lgprjax.registration.fix import WRONG_M
+from lgprjax.registration.bayes.filter import elsewhere
 from lgprjax.registration.queries import rotation
 
 SEGMENT, LAG = 8192, 512
 """Stops that are joined at once, and of the backward pass that lie beyond them: some hundred MB."""
 _PRIOR = 0.5
+_DECIDED = 1e-4  # mass beyond the crop
 
 
 def join(
-    forward: Followed, backward: Followed, last: Bool[np.ndarray, " stop"], step_m: Float[np.ndarray, "2"], places: int
+    forward: Followed,
+    backward: Followed,
+    last: Bool[np.ndarray, " stop"],
+    step_m: Float[np.ndarray, "2"],
+    places: int,
+    wavelength_m: float,
 ) -> Followed:
     """Reports of both directions joined, at every stop.
 
@@ -27,6 +33,7 @@ def join(
         last: no stop of the same leg follows.
         step_m: of the lattice.
         places: of the whole lattice, over which the prior is uniform.
+        wavelength_m: in the soil.
     """
     after = np.minimum(np.arange(len(last)) + 1, len(last) - 1)
     behind = Followed(*(field[after] for field in backward))
@@ -37,12 +44,13 @@ def join(
     out = np.clip(1.0 - forward.crop.sum(axis=(1, 2)), 0.0, 1.0)
     size = forward.crop.shape[1]
     each = _PRIOR / places
-    elsewhere = 1.0 - each * size**2
-    # On the places of the more decided of the two.
-    here, there = _chosen(out <= out_ahead, forward, ahead), _chosen(out <= out_ahead, ahead, forward)
+    others = 1.0 - each * size**2
+    # On the places of the forward one, which has followed the alternatives for longer, unless the other is surer.
+    first = out <= np.maximum(out_ahead, _DECIDED)
+    here, there = _chosen(first, forward, ahead), _chosen(first, ahead, forward)
     other = _resampled(there, here, step_m, each * np.maximum(out, out_ahead))
     joint = here.crop * other / each
-    beyond = out * out_ahead / elsewhere
+    beyond = out * out_ahead / others
     # Without a word from the other end, the one stands.
     joint, beyond = (
         np.where(last.reshape(-1, *(1,) * (one.ndim - 1)), alone, one)
@@ -56,8 +64,11 @@ def join(
     row, column = np.unravel_index(joint.reshape(len(joint), -1).argmax(axis=1), joint.shape[1:])
     along = (np.arange(size)[None] - row[:, None]) * step_m[0]
     cross = (np.arange(size)[None] - column[:, None]) * step_m[1]
-    near = along[:, :, None] ** 2 + cross[:, None] ** 2 <= WRONG_M**2
-    p_false = beyond + np.sum(np.where(near, 0.0, joint), axis=(1, 2))
+    turn = (here.heading - here.yaw)[:, None, None]
+    ahead_m = along[:, :, None] * np.cos(turn) + cross[:, None] * np.sin(turn)
+    aside_m = cross[:, None] * np.cos(turn) - along[:, :, None] * np.sin(turn)
+    far, aside_m2 = elsewhere(joint, ahead_m, aside_m, np.asarray(wavelength_m))
+    p_false = beyond + far
     place_m = np.stack([row * step_m[0], column * step_m[1]], axis=-1)
     error_m = here.first_m + np.einsum("ijs,sj->si", rotation(here.yaw), place_m)
     foreign = np.where(last, forward.foreign, forward.foreign * ahead.foreign / _PRIOR) / whole
@@ -65,6 +76,7 @@ def join(
         error_m=error_m,
         p_false=np.clip(p_false, 0.0, 1.0),
         foreign=np.minimum(foreign, 1.0),
+        aside_m2=aside_m2,
         crop=joint.astype(np.float32),
         rim=np.minimum(forward.rim, ahead.rim),
         r=forward.r,

@@ -108,7 +108,7 @@ def _smoothed(
             for a, b in zip(forward, Followed(*(f[:after] for f in backward)), strict=True)
         )
     )
-    both = join(padded, Followed(*(f[:after] for f in backward)), last, led.step_m, led.places)
+    both = join(padded, Followed(*(f[:after] for f in backward)), last, led.step_m, led.places, led.wavelength_m)
     return Followed(*(field[:count] for field in both))
 
 
