@@ -20,7 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from lgprjax.navigation.kalman import Innovation, correct, innovation_of, reach, reopen, turned, usable, weigh, wrap_yaw
+from lgprjax.navigation import kalman
+from lgprjax.navigation.kalman import Innovation, reach, turned, wrap_yaw
 from lgprjax.navigation.observations import (
     GNSS,
     NEVER_S,
@@ -95,11 +96,8 @@ class CartModel(NamedTuple):
     lost_yaw_rad: Float[Array, "..."]
 
 
-class CartEstimate(NamedTuple):
-    """Mean and covariance of the states, in the order of ``CART_STATES``; the covariance is symmetric."""
-
-    mean: Float[Array, "... 7"]
-    covariance: Float[Array, "... 7 7"]
+CartEstimate = kalman.Estimate
+"""Of the states in the order of ``CART_STATES``."""
 
 
 class CartFilterState(NamedTuple):
@@ -252,7 +250,7 @@ def step_cart(
         fix: taken within the tick, or before and late; a slot that is not valid may hold anything.
     """
     step_s = jnp.where(jnp.isfinite(step_s) & (step_s > 0.0), step_s, 0.0)
-    mean, covariance = _predict(model, state.estimate, step_s)
+    estimate = _predict(model, state.estimate, step_s)
     gates = advance_gates(rules, state.gates, step_s)
     fix_s = state.fix_s + step_s
     place = jnp.stack([fix.x_m, fix.y_m])
@@ -266,36 +264,37 @@ def step_cart(
     known = state.known | starts
     zero, one = jnp.float32(0.0), jnp.float32(1.0)
     # With the heading goes what was told through it: speed and curvature.
-    speed = {SPEED: jnp.abs(mean[SPEED]) - mean[SPEED], CURVATURE: -mean[CURVATURE]}
-    lost = {YAW: zero, **speed}
-    spread = {SPEED: model.initial_speed_mps**2, CURVATURE: model.curvature_sigma_radpm**2}
-    mean, covariance = reopen(
-        mean, covariance, lost, {YAW: jnp.float32(UNKNOWN_YAW_VARIANCE), **spread}, offered & ~known
-    )
+    mean = estimate.mean
+    lost = {YAW: zero, SPEED: jnp.abs(mean[SPEED]) - mean[SPEED], CURVATURE: -mean[CURVATURE]}
+    spread = {
+        YAW: jnp.float32(UNKNOWN_YAW_VARIANCE),
+        SPEED: model.initial_speed_mps**2,
+        CURVATURE: model.curvature_sigma_radpm**2,
+    }
+    estimate = kalman.reopen(estimate, lost, spread, offered & ~known)
+    mean = estimate.mean
     turn = {YAW: wrap_yaw(yaw - mean[YAW]), SPEED: kept.pace_mps - mean[SPEED], CURVATURE: -mean[CURVATURE]}
     straight = {
         YAW: yaw_variance,
         SPEED: (_PACE_SHARE * kept.pace_mps) ** 2 + model.speed_noise**2,
         CURVATURE: jnp.float32(_STRAIGHT_RADPM**2),
     }
-    mean, covariance = reopen(mean, covariance, turn, straight, starts)
-    mean = jnp.where(_IS_YAW, wrap_yaw(mean), mean)
-    slow = {SLOW_X: -mean[SLOW_X], SLOW_Y: -mean[SLOW_Y]}
-    mean, covariance = reopen(mean, covariance, slow, {SLOW_X: one, SLOW_Y: one}, other)
+    estimate = kalman.wrapped(kalman.reopen(estimate, turn, straight, starts))
+    slow = {SLOW_X: -estimate.mean[SLOW_X], SLOW_Y: -estimate.mean[SLOW_Y]}
+    estimate = kalman.reopen(estimate, slow, {SLOW_X: one, SLOW_Y: one}, other)
 
-    estimate = CartEstimate(mean, covariance)
     innovation = _fix_innovation(model, estimate, fix, offered)
     free = ~known | starts
-    nis = jnp.where(free, 0.0, weigh(covariance, innovation).nis)
+    nis = jnp.where(free, 0.0, kalman.weigh(estimate, innovation).nis)
     seen = jnp.where(offered, place, 0.0)
     verdict, gates = judge(rules, gates, GNSS, offered, nis, seen, seen - innovation.residual)
     moves = {X: innovation.residual[0], Y: innovation.residual[1]}
     variances = {X: one + 100.0 * innovation.noise[0, 0], Y: one + 100.0 * innovation.noise[1, 1]}
     opened = verdict.reacquired | (offered & free)
-    estimate = CartEstimate(*reopen(mean, covariance, moves, variances, opened))
+    estimate = kalman.reopen(estimate, moves, variances, opened)
     again = _fix_innovation(model, estimate, fix, offered)
-    mean, covariance = correct(*estimate, again, weigh(estimate.covariance, again), verdict.accepted)
-    mean = jnp.where(_IS_YAW, wrap_yaw(mean), mean)
+    estimate = kalman.wrapped(kalman.correct(estimate, again, kalman.weigh(estimate, again), verdict.accepted))
+    mean, covariance = estimate
 
     # Written so that what is no number counts as neither known nor moving.
     moves_on = mean[SPEED] > model.standing_sigmas * jnp.sqrt(covariance[SPEED, SPEED])
@@ -303,7 +302,7 @@ def step_cart(
     held = held & (gates.since_accepted_s[GNSS] <= model.silent_s)
     stopped = known & ~held
     after = kept._replace(
-        estimate=CartEstimate(mean, covariance),
+        estimate=estimate,
         gates=gates,
         known=held,
         taken=jnp.where(stopped, 0, kept.taken),
@@ -455,33 +454,30 @@ def step_back_cart(
 def _fix_usable(model: CartModel, fix: GnssObservation, newest_s: Float[Array, ""]) -> Bool[Array, ""]:
     timely = (fix.age_s >= 0.0) & (fix.age_s <= model.oldest_fix_s) & (fix.age_s < newest_s - 0.001)
     xx, xy, yy = fix.covariance[0, 0], fix.covariance[0, 1], fix.covariance[1, 1]
-    return usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
+    return kalman.usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
 
 
 def _fix_innovation(
     model: CartModel, estimate: CartEstimate, fix: GnssObservation, offered: Bool[Array, ""]
 ) -> Innovation:
     """Of the antenna's position, back along the arc to when it was taken."""
-    mean = estimate.mean
     scale2 = model.gnss_scale * model.gnss_scale
     slow_x, slow_y = (
         jnp.sqrt(scale2 * model.gnss_slow_share * jnp.where(offered, fix.covariance[axis, axis], 0.0))
         for axis in (0, 1)
     )
     age_s = jnp.where(offered, fix.age_s, 0.0)
-    travel = -age_s * mean[SPEED]
-    arc = reach(travel, travel * mean[CURVATURE], jnp.zeros_like(travel), model.gnss_x_m, model.gnss_y_m)
-    cos, sin = jnp.cos(mean[YAW]), jnp.sin(mean[YAW])
-    x, y = turned(cos, sin, arc.at_m)
-    by_speed = turned(cos, sin, (-age_s * arc.by_travel[0], -age_s * arc.by_travel[1]))
-    one = jnp.float32(1.0)
-    rows = (
-        {X: one, YAW: -y, SPEED: by_speed[0], SLOW_X: slow_x},
-        {Y: one, YAW: x, SPEED: by_speed[1], SLOW_Y: slow_y},
-    )
-    expected = jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
-    white = scale2 * (1.0 - model.gnss_slow_share) * fix.covariance + LEAST_FIX_VARIANCE * jnp.eye(2, dtype=mean.dtype)
-    return innovation_of(jnp.stack([fix.x_m, fix.y_m]) - expected, rows, white, offered)
+    # The turn since the fix is given: by its lever one antenna would take it for a curvature.
+    turn = -age_s * estimate.mean[SPEED] * estimate.mean[CURVATURE]
+
+    def expect(mean: Float[Array, " 7"]) -> Float[Array, " 2"]:
+        way = reach(-age_s * mean[SPEED], turn, jnp.zeros_like(turn), model.gnss_x_m, model.gnss_y_m).at_m
+        x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), way)
+        return jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
+
+    least = LEAST_FIX_VARIANCE * jnp.eye(2, dtype=jnp.float32)
+    white = scale2 * (1.0 - model.gnss_slow_share) * fix.covariance + least
+    return kalman.innovation_of(estimate.mean, expect, jnp.stack([fix.x_m, fix.y_m]), white, offered)
 
 
 def _keep(

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.navigation.kalman import reach, turned, wrap_yaw
+from lgprjax.navigation.kalman import Estimate, reach, turned, wrap_yaw
 from lgprjax.navigation.observations import GnssObservation
 from lgprjax.vehicle import VehiclePose, WheelSpeeds, body_rates
 
@@ -110,11 +110,8 @@ class SkidModel(NamedTuple):
     ins_turn_noise: Float[Array, "..."]
 
 
-class SkidEstimate(NamedTuple):
-    """Mean and covariance of the states, in the order of ``SKID_STATES``; the covariance is symmetric."""
-
-    mean: Float[Array, "... 12"]
-    covariance: Float[Array, "... 12 12"]
+SkidEstimate = Estimate
+"""Of the states in the order of ``SKID_STATES``."""
 
 
 def default_skid_model(*, track_m: float, gnss_x_m: float, gnss_y_m: float) -> SkidModel:
