@@ -7,7 +7,6 @@ counter-steered vehicle.
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.navigation import kalman
@@ -26,7 +25,6 @@ from lgprjax.navigation.observations import (
 )
 from lgprjax.navigation.skid_model import (
     DRIFT,
-    SKID_STATES,
     SLIP_AHEAD,
     SLOW_X,
     SLOW_Y,
@@ -201,9 +199,6 @@ def _variance(fix: GnssObservation, axis: int, offered: Bool[Array, ""]) -> Floa
 # Wheels slip, so that a turn beyond the gate is taken from the INS; the disagreement is added to the uncertainty, so
 # that a faulty INS costs accuracy but not consistency.
 
-IS_YAW = np.arange(len(SKID_STATES)) == YAW
-"""Picks the yaw among the states."""
-
 
 class Fate(NamedTuple):
     """Outcome of one observation.
@@ -258,16 +253,15 @@ def update_turn(
     weighed = kalman.weigh(estimate, innovation)
     nowhere = jnp.zeros(2, jnp.float32)
     verdict, gates = judge(rules, gates, HEADING, received.usable, weighed.nis, nowhere, nowhere)
-    mean, covariance = kalman.correct(estimate, innovation, weighed, verdict.accepted & ~verdict.reacquired)
+    used = kalman.correct(estimate, innovation, weighed, verdict.accepted & ~verdict.reacquired)
     # Beyond the gate the wheel states are not updated, and half of the disagreement is added to the sigma itself, not
     # to its square: disagreements of one cause have one sign.
     apart = jnp.where(verdict.reacquired, innovation.residual[0], 0.0)
-    half, sigma = 0.5 * jnp.abs(apart), jnp.sqrt(jnp.maximum(covariance[YAW, YAW], 0.0))
-    mean = jnp.where(IS_YAW, wrap_yaw(mean + apart), mean)
-    covariance = covariance + jnp.diag(jnp.where(IS_YAW, half * (half + 2.0 * sigma), 0.0))
-    counted = SkidEstimate(mean, covariance)
+    half, sigma = 0.5 * jnp.abs(apart), jnp.sqrt(jnp.maximum(used.covariance[YAW, YAW], 0.0))
+    doubted = used.covariance.at[YAW, YAW].add(half * (half + 2.0 * sigma))
+    counted = kalman.wrapped(SkidEstimate(used.mean.at[YAW].add(apart), doubted))
     _, yaw_rate_radps = skid_rates(model, counted, motion)
-    begun = received.late_s * yaw_rate_radps - mean[TURNED]
+    begun = received.late_s * yaw_rate_radps - counted.mean[TURNED]
     begins = kalman.reopen(counted, {TURNED: begun}, {TURNED: jnp.zeros_like(begun)}, received.ends)
     ended = InsEpoch(
         jnp.where(received.ends, received.late_s, epoch.since_s),
