@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.navigation import kalman
@@ -42,8 +41,6 @@ X, Y, YAW, SPEED, CURVATURE, SLOW_X, SLOW_Y = range(7)
 
 PAIRS = 4
 """Number of courses in the history of the heading start; twice as many fixes are kept."""
-_IS_YAW = np.arange(len(CART_STATES)) == YAW
-_RIDGE = 1e-6
 _STRAIGHT_RADPM = 0.05
 """Curvature of a way on which the courses of pairs 0.5 m apart differ by 1.5° RMS."""
 _PACE_SHARE = 0.2
@@ -250,7 +247,7 @@ def step_cart(
         fix: taken within the tick, or before and late; a slot that is not valid may hold anything.
     """
     step_s = jnp.where(jnp.isfinite(step_s) & (step_s > 0.0), step_s, 0.0)
-    estimate = _predict(model, state.estimate, step_s)
+    estimate = kalman.predict(state.estimate.covariance, _transition(model, state.estimate.mean, step_s))
     gates = advance_gates(rules, state.gates, step_s)
     fix_s = state.fix_s + step_s
     place = jnp.stack([fix.x_m, fix.y_m])
@@ -348,24 +345,18 @@ def smooth_cart(
 def _one_way(model: CartModel, rules: GateRules, step_s: Float[Array, ""], fixes: GnssObservation) -> SmoothedCart:
     """A pass through a drive, smoothed."""
 
-    def forward(
-        state: CartFilterState, fix: GnssObservation
-    ) -> tuple[CartFilterState, tuple[CartEstimate, CartEstimate, CartInfo]]:
+    def forward(state: CartFilterState, fix: GnssObservation) -> tuple[CartFilterState, tuple[CartEstimate, CartInfo]]:
         after, info = step_cart(model, rules, state, step_s, fix)
-        return after, (state.estimate, after.estimate, info)
+        return after, (after.estimate, info)
 
     first = jnp.argmax(fixes.valid)
     start = init_cart(model, jnp.nan_to_num(fixes.x_m[first]), jnp.nan_to_num(fixes.y_m[first]))
-    _, (before, filtered, info) = jax.lax.scan(forward, start, fixes)
+    filtered, info = jax.lax.scan(forward, start, fixes)[1]
 
-    def back(later: CartEstimate, tick: tuple[CartEstimate, Array]) -> tuple[CartEstimate, CartEstimate]:
-        smoothed = step_back_cart(model, later, tick[0], step_s, tick[1])
-        return smoothed, smoothed
+    def back(later: CartEstimate, before: CartEstimate, broken: Bool[Array, ""]) -> CartEstimate:
+        return step_back_cart(model, later, before, step_s, broken)
 
-    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
-    following = jax.tree.map(lambda leaf: leaf[1:], (before, info.broken))
-    earlier = jax.lax.scan(back, last, following, reverse=True)[1]
-    smoothed: CartEstimate = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), earlier, last)
+    smoothed = kalman.smooth(filtered, back, (info.broken,))
 
     def since(left_s: Float[Array, ""], known: Array) -> tuple[Float[Array, ""], Float[Array, ""]]:
         left_s = jnp.where(known, left_s + step_s, 0.0)
@@ -375,51 +366,25 @@ def _one_way(model: CartModel, rules: GateRules, step_s: Float[Array, ""], fixes
     return SmoothedCart(smoothed.mean[:, : YAW + 1], cart_pose_covariance(model, smoothed), stays_s > model.notice_s)
 
 
-def _moved(model: CartModel, mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> Float[Array, " 7"]:
-    """The states a tick later."""
-    travel = mean[SPEED] * step_s
-    turn = mean[CURVATURE] * travel
-    zero = jnp.zeros_like(turn)
-    x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), reach(travel, turn, zero, zero, zero).at_m)
-    fades = jnp.exp(-_way_m(mean, step_s) / model.curvature_m)
-    slow = jnp.exp(-step_s / model.gnss_slow_s)
-    return jnp.stack([
-        mean[X] + x, mean[Y] + y, mean[YAW] + turn, mean[SPEED],
-        mean[CURVATURE] * fades, mean[SLOW_X] * slow, mean[SLOW_Y] * slow,
-    ])  # fmt: skip
+def _transition(model: CartModel, mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> kalman.Transition:
+    """A tick at the states before it."""
+    # The way sets noises and how far the curvature fades; for the derivatives it is no function of the states.
+    way = jnp.abs(mean[SPEED]) * step_s
+    ages = jnp.stack([way / model.curvature_m, *[step_s / model.gnss_slow_s] * 2])
 
+    def move(mean: Float[Array, " 7"], noise: Float[Array, " 7"]) -> Float[Array, " 7"]:
+        travel = mean[SPEED] * step_s
+        turn = mean[CURVATURE] * travel
+        zero = jnp.zeros_like(turn)
+        ahead, left = reach(travel, turn, zero, zero, zero).at_m
+        x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), (ahead + noise[0], left + noise[1]))
+        moved = jnp.stack([mean[X] + x, mean[Y] + y, wrap_yaw(mean[YAW] + turn + noise[2]), mean[SPEED] + noise[3]])
+        return jnp.concatenate([moved, mean[CURVATURE:] * jnp.exp(-ages) + noise[4:]])
 
-def _way_m(mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> Float[Array, ""]:
-    """Length of a tick's way: it sets noises and is no function of the states for the derivatives."""
-    return jax.lax.stop_gradient(jnp.abs(mean[SPEED]) * step_s)
-
-
-def _noise(model: CartModel, mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> Float[Array, "7 7"]:
-    """Covariance that a tick adds."""
-    way = _way_m(mean, step_s)
-    cos, sin = jnp.cos(mean[YAW]), jnp.sin(mean[YAW])
-    along, aside = model.along_noise**2 * way, model.side_noise**2 * way
-    surges = model.speed_noise + model.speed_share * jnp.abs(mean[SPEED])
-    slow = -jnp.expm1(-2.0 * step_s / model.gnss_slow_s)
-    diagonal = jnp.stack([
-        along * cos * cos + aside * sin * sin,
-        along * sin * sin + aside * cos * cos,
-        model.yaw_noise**2 * way,
-        surges * surges * step_s,
-        -jnp.expm1(-2.0 * way / model.curvature_m) * model.curvature_sigma_radpm**2,
-        slow, slow,
-    ])  # fmt: skip
-    both = (along - aside) * sin * cos
-    return jnp.diag(diagonal).at[X, Y].set(both).at[Y, X].set(both)
-
-
-def _predict(model: CartModel, estimate: CartEstimate, step_s: Float[Array, ""]) -> CartEstimate:
-    mean, covariance = estimate
-    transition = jax.jacfwd(lambda states: _moved(model, states, step_s))(mean)
-    covariance = transition @ covariance @ transition.T
-    covariance = 0.5 * (covariance + covariance.T) + _noise(model, mean, step_s)
-    moved = _moved(model, mean, step_s)
-    return CartEstimate(jnp.where(_IS_YAW, wrap_yaw(moved), moved), covariance)
+    by_way = jnp.stack([model.along_noise, model.side_noise, model.yaw_noise]) * jnp.sqrt(way)
+    surges = (model.speed_noise + model.speed_share * jnp.abs(mean[SPEED])) * jnp.sqrt(step_s)
+    fresh = jnp.sqrt(-jnp.expm1(-2.0 * ages)).at[0].multiply(model.curvature_sigma_radpm)
+    return kalman.linearise(move, mean, jnp.concatenate([by_way, surges[None], fresh]))
 
 
 def step_back_cart(
@@ -434,21 +399,7 @@ def step_back_cart(
         step_s: its length.
         broken: see ``CartInfo``.
     """
-    transition = jax.jacfwd(lambda states: _moved(model, states, step_s))(before.mean)
-    noise = _noise(model, before.mean, step_s)
-    forward = transition @ before.covariance
-    predicted = forward @ transition.T + noise
-    # Scaled, so that float32 holds radians beside metres.
-    sigma = jnp.sqrt(jnp.maximum(jnp.diagonal(predicted), 1e-20))
-    correlation = predicted / (sigma[:, None] * sigma[None, :]) + _RIDGE * jnp.eye(sigma.size, dtype=sigma.dtype)
-    gain = jax.scipy.linalg.solve(correlation, forward / sigma[:, None], assume_a="pos").T / sigma[None, :]
-    kept = jnp.eye(sigma.size, dtype=jnp.float32) - gain @ transition
-    covariance = kept @ before.covariance @ kept.T + gain @ (noise + later.covariance) @ gain.T
-    apart = later.mean - _moved(model, before.mean, step_s)
-    mean = before.mean + gain @ jnp.where(_IS_YAW, wrap_yaw(apart), apart)
-    smoothed = CartEstimate(jnp.where(_IS_YAW, wrap_yaw(mean), mean), 0.5 * (covariance + covariance.T))
-    picked: CartEstimate = jax.tree.map(lambda one, two: jnp.where(broken, one, two), before, smoothed)
-    return picked
+    return kalman.wrapped(kalman.step_back(later, before, _transition(model, before.mean, step_s), broken))
 
 
 def _fix_usable(model: CartModel, fix: GnssObservation, newest_s: Float[Array, ""]) -> Bool[Array, ""]:

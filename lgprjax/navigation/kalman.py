@@ -83,9 +83,8 @@ def linearise(
         sigmas: standard deviations of the noises, which are independent and zero in the mean.
     """
     none = jnp.zeros_like(sigmas)
-    matrix, by_noise = jax.jacfwd(move, (0, 1))(mean, none)
-    spread = by_noise * sigmas[None]
-    return Transition(move(mean, none), matrix, times(spread, spread.T))
+    spread = jax.jacfwd(move, 1)(mean, none) * sigmas[None]
+    return Transition(move(mean, none), jax.jacfwd(move)(mean, none), times(spread, spread.T))
 
 
 def predict(covariance: Float[Array, "state state"], transition: Transition) -> Estimate:
