@@ -376,7 +376,7 @@ def _transition(model: CartModel, mean: Float[Array, " 7"], step_s: Float[Array,
         travel = mean[SPEED] * step_s
         turn = mean[CURVATURE] * travel
         zero = jnp.zeros_like(turn)
-        ahead, left = reach(travel, turn, zero, zero, zero).at_m
+        ahead, left = reach(travel, turn, zero, zero, zero)
         x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), (ahead + noise[0], left + noise[1]))
         moved = jnp.stack([mean[X] + x, mean[Y] + y, wrap_yaw(mean[YAW] + turn + noise[2]), mean[SPEED] + noise[3]])
         return jnp.concatenate([moved, mean[CURVATURE:] * jnp.exp(-ages) + noise[4:]])
@@ -422,7 +422,7 @@ def _fix_innovation(
     turn = -age_s * estimate.mean[SPEED] * estimate.mean[CURVATURE]
 
     def expect(mean: Float[Array, " 7"]) -> Float[Array, " 2"]:
-        way = reach(-age_s * mean[SPEED], turn, jnp.zeros_like(turn), model.gnss_x_m, model.gnss_y_m).at_m
+        way = reach(-age_s * mean[SPEED], turn, jnp.zeros_like(turn), model.gnss_x_m, model.gnss_y_m)
         x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), way)
         return jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
 

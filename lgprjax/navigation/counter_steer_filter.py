@@ -65,7 +65,7 @@ def transition_of(model: FilterModel, estimate: NavEstimate, motion: MotionInput
         walked = mean[SPEED:GNSS_ERROR_X] + noise[:6]
         turn = (motion.yaw_rate_radps - walked[RATE_BIAS - SPEED]) * step + noise[6]
         nowhere = jnp.zeros_like(turn)
-        at = reach(walked[0] * step, turn, model.zero_slip_m, nowhere, nowhere).at_m
+        at = reach(walked[0] * step, turn, model.zero_slip_m, nowhere, nowhere)
         x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), at)
         yaw = mean[YAW] + turn
         aside = jnp.stack([x - jnp.sin(yaw) * noise[7], y + jnp.cos(yaw) * noise[7], turn])
@@ -163,7 +163,7 @@ def _seen(
 ) -> Float[Array, " 3"]:
     """Place of a body point some time before the tick's end, and the yaw then."""
     turn = -age_s * (motion.yaw_rate_radps - mean[RATE_BIAS])
-    way = reach(-age_s * mean[SPEED], turn, model.zero_slip_m, x_m, y_m).at_m
+    way = reach(-age_s * mean[SPEED], turn, model.zero_slip_m, x_m, y_m)
     x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), way)
     return mean[: YAW + 1] + jnp.stack([x, y, turn])
 

@@ -239,7 +239,7 @@ def step_local(
     """
     turn = yaw_rate_radps * step_s
     nowhere = jnp.zeros_like(zero_slip_m)
-    way = reach(speed_mps * step_s, turn, zero_slip_m, nowhere, nowhere).at_m
+    way = reach(speed_mps * step_s, turn, zero_slip_m, nowhere, nowhere)
     x, y = turned(jnp.cos(pose_local.yaw_rad), jnp.sin(pose_local.yaw_rad), way)
     return VehiclePose(pose_local.x_m + x, pose_local.y_m + y, pose_local.yaw_rad + turn)
 

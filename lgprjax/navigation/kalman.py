@@ -264,31 +264,13 @@ def times(one: Float[Array, "row inner"], other: Float[Array, "inner column"]) -
     return jnp.matmul(one, other, precision="highest")
 
 
-# Motion of a body point along an arc, and its derivatives: the filter's only geometry.
+# Motion of a body point along an arc: the filters' only geometry.
 #
 # The zero-slip point moves ds along the body axis while the body turns by dθ, so it moves by the arc's chord
 # ds sinc(dθ/2) in the direction dθ/2; every other point of the body turns about it. Nothing is divided by the
 # curvature, and reversing is a negative ds with a negative turn.
 
-Scalar = Float[Array, "..."]
-Pair = tuple[Scalar, Scalar]
-
-
-class Reach(NamedTuple):
-    """A body point after an arc, in the body axes before it, from the rear axle before it.
-
-    Attributes:
-        at_m: forward and left.
-        by_travel: derivative of both by the travel.
-        by_turn_m: derivative of both by the turn, metres a radian.
-        cos, sin: of the turn; its rotation is the derivative by the point's place in the body.
-    """
-
-    at_m: Pair
-    by_travel: Pair
-    by_turn_m: Pair
-    cos: Scalar
-    sin: Scalar
+Pair = tuple[Float[Array, "..."], Float[Array, "..."]]
 
 
 def reach(
@@ -297,8 +279,8 @@ def reach(
     zero_slip_m: Float[Array, "..."],
     x_m: Float[Array, "..."],
     y_m: Float[Array, "..."],
-) -> Reach:
-    """Where the body point (x, y) is after an arc.
+) -> Pair:
+    """The body point (x, y) after an arc, forward and left in the body axes before it, from the rear axle before it.
 
     Args:
         travel_m: ds, negative in reverse.
@@ -309,21 +291,12 @@ def reach(
     half = 0.5 * turn_rad
     cos_half, sin_half = jnp.cos(half), jnp.sin(half)
     square = half * half
-    # Below a tenth of a radian the series is exact in float32, and the quotients lose digits.
+    # Below a tenth of a radian the series is exact in float32, and the quotient loses digits.
     small = square < 0.01
-    safe = jnp.where(small, 1.0, half)
-    chord = jnp.where(small, 1.0 - square / 6.0 * (1.0 - square / 20.0), sin_half / safe)
-    slope = jnp.where(small, -half / 3.0 * (1.0 - square / 10.0), (cos_half - chord) / safe)
+    chord = jnp.where(small, 1.0 - square / 6.0 * (1.0 - square / 20.0), sin_half / jnp.where(small, 1.0, half))
     cos, sin = cos_half * cos_half - sin_half * sin_half, 2.0 * sin_half * cos_half
-    arm_x, arm_y = x_m - zero_slip_m, y_m
-    turned_x, turned_y = cos * arm_x - sin * arm_y, sin * arm_x + cos * arm_y
-    by_travel = (chord * cos_half, chord * sin_half)
-    by_turn = (
-        0.5 * travel_m * (slope * cos_half - chord * sin_half) - turned_y,
-        0.5 * travel_m * (slope * sin_half + chord * cos_half) + turned_x,
-    )
-    at = (travel_m * by_travel[0] + zero_slip_m + turned_x, travel_m * by_travel[1] + turned_y)
-    return Reach(at, by_travel, by_turn, cos, sin)
+    x, y = turned(cos, sin, (x_m - zero_slip_m, y_m))
+    return travel_m * (chord * cos_half) + zero_slip_m + x, travel_m * (chord * sin_half) + y
 
 
 def turned(cos: Float[Array, "..."], sin: Float[Array, "..."], vector: Pair) -> Pair:

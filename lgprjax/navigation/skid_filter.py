@@ -84,7 +84,7 @@ def antenna_reach(
     """The antenna some time before the tick's end, forward and left of the midpoint at the end."""
     speed_mps, yaw_rate_radps = skid_rates(model, estimate, motion)
     ahead = estimate.mean[SLIP_AHEAD]
-    return reach(-age_s * speed_mps, -age_s * yaw_rate_radps, ahead, model.gnss_x_m, model.gnss_y_m).at_m
+    return reach(-age_s * speed_mps, -age_s * yaw_rate_radps, ahead, model.gnss_x_m, model.gnss_y_m)
 
 
 def fix_innovation(
@@ -402,7 +402,7 @@ def step_heading_start(
 def _drive(start: HeadingStart, way: Way) -> HeadingStart:
     """The own pose a tick on; before the first fix the frame stays at the vehicle."""
     nowhere = jnp.zeros_like(way.travel_m)
-    at = reach(way.travel_m, way.turn_rad, way.slip_ahead_m, nowhere, nowhere).at_m
+    at = reach(way.travel_m, way.turn_rad, way.slip_ahead_m, nowhere, nowhere)
     x, y = turned(jnp.cos(start.own.yaw_rad), jnp.sin(start.own.yaw_rad), at)
     begun = start.taken > 0
     ahead = VehiclePose(start.own.x_m + x, start.own.y_m + y, start.own.yaw_rad + way.turn_rad)

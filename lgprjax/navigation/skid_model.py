@@ -293,7 +293,7 @@ def skid_transition(model: SkidModel, estimate: SkidEstimate, motion: SkidMotion
         speed_mps, yaw_rate_radps = skid_rates(model, estimate._replace(mean=mean), motion)
         turn = yaw_rate_radps * step + noise[0]
         nowhere = jnp.zeros_like(turn)
-        at = reach(speed_mps * step, turn, mean[SLIP_AHEAD], nowhere, nowhere).at_m
+        at = reach(speed_mps * step, turn, mean[SLIP_AHEAD], nowhere, nowhere)
         x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), at)
         yaw = wrap_yaw(mean[YAW] + turn)
         along, left = turned(jnp.cos(yaw), jnp.sin(yaw), (noise[1], noise[2]))
