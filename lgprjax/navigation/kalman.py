@@ -83,6 +83,7 @@ def linearise(
         sigmas: standard deviations of the noises, which are independent and zero in the mean.
     """
     none = jnp.zeros_like(sigmas)
+    # Twice, by noises and by states: arrays above half a kilobyte make XLA run a small step in several threads, slower.
     spread = jax.jacfwd(move, 1)(mean, none) * sigmas[None]
     return Transition(move(mean, none), jax.jacfwd(move)(mean, none), times(spread, spread.T))
 
