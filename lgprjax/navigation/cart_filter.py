@@ -418,7 +418,7 @@ def _fix_innovation(
         for axis in (0, 1)
     )
     age_s = jnp.where(offered, fix.age_s, 0.0)
-    # The turn since the fix is given: by its lever one antenna would take it for a curvature.
+    # The turn since the fix is held fixed: a late fix must not correct the curvature through the antenna's lever.
     turn = -age_s * estimate.mean[SPEED] * estimate.mean[CURVATURE]
 
     def expect(mean: Float[Array, " 7"]) -> Float[Array, " 2"]:

@@ -83,7 +83,8 @@ def linearise(
         sigmas: standard deviations of the noises, which are independent and zero in the mean.
     """
     none = jnp.zeros_like(sigmas)
-    # Twice, by noises and by states: arrays above half a kilobyte make XLA run a small step in several threads, slower.
+    # By noises and by states in two passes: with arrays above half a kilobyte XLA runs a small step in several threads,
+    # which is slower.
     spread = jax.jacfwd(move, 1)(mean, none) * sigmas[None]
     return Transition(move(mean, none), jax.jacfwd(move)(mean, none), times(spread, spread.T))
 
@@ -155,8 +156,8 @@ def weigh(estimate: Estimate, innovation: Innovation) -> Weighed:
 def correct(estimate: Estimate, innovation: Innovation, weighed: Weighed, use: Bool[Array, ""]) -> Estimate:
     """The estimate after an observation, by Joseph's form: P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ.
 
-    It is multiplied out to P − Σ (k eᵀ + e kᵀ) with e = HP − S k / 2 by component: that is symmetric but for the last
-    digit, and a rounded gain enters squared, as in the product. Rounding errors are 1e-7 of the previous covariance: in
+    It is multiplied out to P − (Kᵀ E + Eᵀ K) with E = HP − S K / 2, K one row per component: that is symmetric, and a
+    rounded gain enters squared, as in the product. Rounding errors are 1e-7 of the previous covariance: in
     float32 a standard deviation may fall to a thousandth in one update, not to less.
 
     Args:

@@ -99,7 +99,7 @@ def fix_innovation(
     """
     scale2 = model.gnss_scale * model.gnss_scale
     slow_x, slow_y = (jnp.sqrt(scale2 * model.gnss_slow_share * _variance(fix, axis, offered)) for axis in (0, 1))
-    # The way since the fix is given: of wheels and slip a fix tells by where the vehicle is, not by its age.
+    # The way since the fix is held fixed: a fix at most a second old must not correct scale and slip through its age.
     at = antenna_reach(model, estimate, motion, jnp.where(offered, fix.age_s, 0.0))
 
     def expect(mean: Float[Array, " 12"]) -> Float[Array, " 2"]:
@@ -130,6 +130,7 @@ def turn_innovation(
     span = jnp.where(received.usable, delta.span_s, 0.0)
     _, yaw_rate_radps = skid_rates(model, estimate, motion)
 
+    # The turn since the span's end is held fixed: the INS corrects what was counted, not the wheels' rate.
     def expect(mean: Float[Array, " 12"]) -> Float[Array, " 1"]:
         return (mean[TURNED] - received.late_s * yaw_rate_radps + mean[DRIFT] * span)[None]
 
