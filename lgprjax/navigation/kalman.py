@@ -263,6 +263,9 @@ def wrapped(estimate: Estimate) -> Estimate:
 
 def times(one: Float[Array, "row inner"], other: Float[Array, "inner column"]) -> Float[Array, "row column"]:
     """The product of matrices with all digits of float32: accelerators round factors unless told otherwise."""
+    # Small ones are fused with what precedes them if summed elementwise: the hand cart's smoother takes half the time.
+    if max(*one.shape, *other.shape) <= 8:
+        return (one[:, :, None] * other[None]).sum(axis=1)
     return jnp.matmul(one, other, precision="highest")
 
 
