@@ -12,7 +12,6 @@ from lgprjax.navigation.cart_filter import (
 from lgprjax.navigation.counter_steer_filter import (
     FilterInfo,
     FilterState,
-    Transition,
     filter_drive,
     gnss_innovation,
     heading_innovation,
@@ -61,7 +60,7 @@ from lgprjax.navigation.health import (
     step_switch,
     switch_settings,
 )
-from lgprjax.navigation.kalman import Innovation
+from lgprjax.navigation.kalman import Innovation, Transition
 from lgprjax.navigation.navigator import (
     Fusion,
     Navigated,

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from lgprjax.navigation.kalman import Innovation, correct, innovation_of, reach, reopen, turned, usable, weigh, wrap_yaw
+from lgprjax.navigation import kalman
+from lgprjax.navigation.kalman import Innovation, reach, turned, wrap_yaw
 from lgprjax.navigation.observations import (
     GNSS,
     NEVER_S,
@@ -41,8 +41,6 @@ X, Y, YAW, SPEED, CURVATURE, SLOW_X, SLOW_Y = range(7)
 
 PAIRS = 4
 """Number of courses in the history of the heading start; twice as many fixes are kept."""
-_IS_YAW = np.arange(len(CART_STATES)) == YAW
-_RIDGE = 1e-6
 _STRAIGHT_RADPM = 0.05
 """Curvature of a way on which the courses of pairs 0.5 m apart differ by 1.5° RMS."""
 _PACE_SHARE = 0.2
@@ -95,11 +93,8 @@ class CartModel(NamedTuple):
     lost_yaw_rad: Float[Array, "..."]
 
 
-class CartEstimate(NamedTuple):
-    """Mean and covariance of the states, in the order of ``CART_STATES``; the covariance is symmetric."""
-
-    mean: Float[Array, "... 7"]
-    covariance: Float[Array, "... 7 7"]
+CartEstimate = kalman.Estimate
+"""Of the states in the order of ``CART_STATES``."""
 
 
 class CartFilterState(NamedTuple):
@@ -252,7 +247,7 @@ def step_cart(
         fix: taken within the tick, or before and late; a slot that is not valid may hold anything.
     """
     step_s = jnp.where(jnp.isfinite(step_s) & (step_s > 0.0), step_s, 0.0)
-    mean, covariance = _predict(model, state.estimate, step_s)
+    estimate = kalman.predict(state.estimate.covariance, _transition(model, state.estimate.mean, step_s))
     gates = advance_gates(rules, state.gates, step_s)
     fix_s = state.fix_s + step_s
     place = jnp.stack([fix.x_m, fix.y_m])
@@ -266,36 +261,37 @@ def step_cart(
     known = state.known | starts
     zero, one = jnp.float32(0.0), jnp.float32(1.0)
     # With the heading goes what was told through it: speed and curvature.
-    speed = {SPEED: jnp.abs(mean[SPEED]) - mean[SPEED], CURVATURE: -mean[CURVATURE]}
-    lost = {YAW: zero, **speed}
-    spread = {SPEED: model.initial_speed_mps**2, CURVATURE: model.curvature_sigma_radpm**2}
-    mean, covariance = reopen(
-        mean, covariance, lost, {YAW: jnp.float32(UNKNOWN_YAW_VARIANCE), **spread}, offered & ~known
-    )
+    mean = estimate.mean
+    lost = {YAW: zero, SPEED: jnp.abs(mean[SPEED]) - mean[SPEED], CURVATURE: -mean[CURVATURE]}
+    spread = {
+        YAW: jnp.float32(UNKNOWN_YAW_VARIANCE),
+        SPEED: model.initial_speed_mps**2,
+        CURVATURE: model.curvature_sigma_radpm**2,
+    }
+    estimate = kalman.reopen(estimate, lost, spread, offered & ~known)
+    mean = estimate.mean
     turn = {YAW: wrap_yaw(yaw - mean[YAW]), SPEED: kept.pace_mps - mean[SPEED], CURVATURE: -mean[CURVATURE]}
     straight = {
         YAW: yaw_variance,
         SPEED: (_PACE_SHARE * kept.pace_mps) ** 2 + model.speed_noise**2,
         CURVATURE: jnp.float32(_STRAIGHT_RADPM**2),
     }
-    mean, covariance = reopen(mean, covariance, turn, straight, starts)
-    mean = jnp.where(_IS_YAW, wrap_yaw(mean), mean)
-    slow = {SLOW_X: -mean[SLOW_X], SLOW_Y: -mean[SLOW_Y]}
-    mean, covariance = reopen(mean, covariance, slow, {SLOW_X: one, SLOW_Y: one}, other)
+    estimate = kalman.wrapped(kalman.reopen(estimate, turn, straight, starts))
+    slow = {SLOW_X: -estimate.mean[SLOW_X], SLOW_Y: -estimate.mean[SLOW_Y]}
+    estimate = kalman.reopen(estimate, slow, {SLOW_X: one, SLOW_Y: one}, other)
 
-    estimate = CartEstimate(mean, covariance)
     innovation = _fix_innovation(model, estimate, fix, offered)
     free = ~known | starts
-    nis = jnp.where(free, 0.0, weigh(covariance, innovation).nis)
+    nis = jnp.where(free, 0.0, kalman.weigh(estimate, innovation).nis)
     seen = jnp.where(offered, place, 0.0)
     verdict, gates = judge(rules, gates, GNSS, offered, nis, seen, seen - innovation.residual)
     moves = {X: innovation.residual[0], Y: innovation.residual[1]}
     variances = {X: one + 100.0 * innovation.noise[0, 0], Y: one + 100.0 * innovation.noise[1, 1]}
     opened = verdict.reacquired | (offered & free)
-    estimate = CartEstimate(*reopen(mean, covariance, moves, variances, opened))
+    estimate = kalman.reopen(estimate, moves, variances, opened)
     again = _fix_innovation(model, estimate, fix, offered)
-    mean, covariance = correct(*estimate, again, weigh(estimate.covariance, again), verdict.accepted)
-    mean = jnp.where(_IS_YAW, wrap_yaw(mean), mean)
+    estimate = kalman.wrapped(kalman.correct(estimate, again, kalman.weigh(estimate, again), verdict.accepted))
+    mean, covariance = estimate
 
     # Written so that what is no number counts as neither known nor moving.
     moves_on = mean[SPEED] > model.standing_sigmas * jnp.sqrt(covariance[SPEED, SPEED])
@@ -303,7 +299,7 @@ def step_cart(
     held = held & (gates.since_accepted_s[GNSS] <= model.silent_s)
     stopped = known & ~held
     after = kept._replace(
-        estimate=CartEstimate(mean, covariance),
+        estimate=estimate,
         gates=gates,
         known=held,
         taken=jnp.where(stopped, 0, kept.taken),
@@ -349,24 +345,18 @@ def smooth_cart(
 def _one_way(model: CartModel, rules: GateRules, step_s: Float[Array, ""], fixes: GnssObservation) -> SmoothedCart:
     """A pass through a drive, smoothed."""
 
-    def forward(
-        state: CartFilterState, fix: GnssObservation
-    ) -> tuple[CartFilterState, tuple[CartEstimate, CartEstimate, CartInfo]]:
+    def forward(state: CartFilterState, fix: GnssObservation) -> tuple[CartFilterState, tuple[CartEstimate, CartInfo]]:
         after, info = step_cart(model, rules, state, step_s, fix)
-        return after, (state.estimate, after.estimate, info)
+        return after, (after.estimate, info)
 
     first = jnp.argmax(fixes.valid)
     start = init_cart(model, jnp.nan_to_num(fixes.x_m[first]), jnp.nan_to_num(fixes.y_m[first]))
-    _, (before, filtered, info) = jax.lax.scan(forward, start, fixes)
+    filtered, info = jax.lax.scan(forward, start, fixes)[1]
 
-    def back(later: CartEstimate, tick: tuple[CartEstimate, Array]) -> tuple[CartEstimate, CartEstimate]:
-        smoothed = step_back_cart(model, later, tick[0], step_s, tick[1])
-        return smoothed, smoothed
+    def back(later: CartEstimate, before: CartEstimate, broken: Bool[Array, ""]) -> CartEstimate:
+        return step_back_cart(model, later, before, step_s, broken)
 
-    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
-    following = jax.tree.map(lambda leaf: leaf[1:], (before, info.broken))
-    earlier = jax.lax.scan(back, last, following, reverse=True)[1]
-    smoothed: CartEstimate = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), earlier, last)
+    smoothed = kalman.smooth(filtered, back, (info.broken,))
 
     def since(left_s: Float[Array, ""], known: Array) -> tuple[Float[Array, ""], Float[Array, ""]]:
         left_s = jnp.where(known, left_s + step_s, 0.0)
@@ -376,51 +366,25 @@ def _one_way(model: CartModel, rules: GateRules, step_s: Float[Array, ""], fixes
     return SmoothedCart(smoothed.mean[:, : YAW + 1], cart_pose_covariance(model, smoothed), stays_s > model.notice_s)
 
 
-def _moved(model: CartModel, mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> Float[Array, " 7"]:
-    """The states a tick later."""
-    travel = mean[SPEED] * step_s
-    turn = mean[CURVATURE] * travel
-    zero = jnp.zeros_like(turn)
-    x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), reach(travel, turn, zero, zero, zero).at_m)
-    fades = jnp.exp(-_way_m(mean, step_s) / model.curvature_m)
-    slow = jnp.exp(-step_s / model.gnss_slow_s)
-    return jnp.stack([
-        mean[X] + x, mean[Y] + y, mean[YAW] + turn, mean[SPEED],
-        mean[CURVATURE] * fades, mean[SLOW_X] * slow, mean[SLOW_Y] * slow,
-    ])  # fmt: skip
+def _transition(model: CartModel, mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> kalman.Transition:
+    """A tick at the states before it."""
+    # The way sets noises and how far the curvature fades; for the derivatives it is no function of the states.
+    way = jnp.abs(mean[SPEED]) * step_s
+    ages = jnp.stack([way / model.curvature_m, *[step_s / model.gnss_slow_s] * 2])
 
+    def move(mean: Float[Array, " 7"], noise: Float[Array, " 7"]) -> Float[Array, " 7"]:
+        travel = mean[SPEED] * step_s
+        turn = mean[CURVATURE] * travel
+        zero = jnp.zeros_like(turn)
+        ahead, left = reach(travel, turn, zero, zero, zero)
+        x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), (ahead + noise[0], left + noise[1]))
+        moved = jnp.stack([mean[X] + x, mean[Y] + y, wrap_yaw(mean[YAW] + turn + noise[2]), mean[SPEED] + noise[3]])
+        return jnp.concatenate([moved, mean[CURVATURE:] * jnp.exp(-ages) + noise[4:]])
 
-def _way_m(mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> Float[Array, ""]:
-    """Length of a tick's way: it sets noises and is no function of the states for the derivatives."""
-    return jax.lax.stop_gradient(jnp.abs(mean[SPEED]) * step_s)
-
-
-def _noise(model: CartModel, mean: Float[Array, " 7"], step_s: Float[Array, ""]) -> Float[Array, "7 7"]:
-    """Covariance that a tick adds."""
-    way = _way_m(mean, step_s)
-    cos, sin = jnp.cos(mean[YAW]), jnp.sin(mean[YAW])
-    along, aside = model.along_noise**2 * way, model.side_noise**2 * way
-    surges = model.speed_noise + model.speed_share * jnp.abs(mean[SPEED])
-    slow = -jnp.expm1(-2.0 * step_s / model.gnss_slow_s)
-    diagonal = jnp.stack([
-        along * cos * cos + aside * sin * sin,
-        along * sin * sin + aside * cos * cos,
-        model.yaw_noise**2 * way,
-        surges * surges * step_s,
-        -jnp.expm1(-2.0 * way / model.curvature_m) * model.curvature_sigma_radpm**2,
-        slow, slow,
-    ])  # fmt: skip
-    both = (along - aside) * sin * cos
-    return jnp.diag(diagonal).at[X, Y].set(both).at[Y, X].set(both)
-
-
-def _predict(model: CartModel, estimate: CartEstimate, step_s: Float[Array, ""]) -> CartEstimate:
-    mean, covariance = estimate
-    transition = jax.jacfwd(lambda states: _moved(model, states, step_s))(mean)
-    covariance = transition @ covariance @ transition.T
-    covariance = 0.5 * (covariance + covariance.T) + _noise(model, mean, step_s)
-    moved = _moved(model, mean, step_s)
-    return CartEstimate(jnp.where(_IS_YAW, wrap_yaw(moved), moved), covariance)
+    by_way = jnp.stack([model.along_noise, model.side_noise, model.yaw_noise]) * jnp.sqrt(way)
+    surges = (model.speed_noise + model.speed_share * jnp.abs(mean[SPEED])) * jnp.sqrt(step_s)
+    fresh = jnp.sqrt(-jnp.expm1(-2.0 * ages)).at[0].multiply(model.curvature_sigma_radpm)
+    return kalman.linearise(move, mean, jnp.concatenate([by_way, surges[None], fresh]))
 
 
 def step_back_cart(
@@ -435,53 +399,36 @@ def step_back_cart(
         step_s: its length.
         broken: see ``CartInfo``.
     """
-    transition = jax.jacfwd(lambda states: _moved(model, states, step_s))(before.mean)
-    noise = _noise(model, before.mean, step_s)
-    forward = transition @ before.covariance
-    predicted = forward @ transition.T + noise
-    # Scaled, so that float32 holds radians beside metres.
-    sigma = jnp.sqrt(jnp.maximum(jnp.diagonal(predicted), 1e-20))
-    correlation = predicted / (sigma[:, None] * sigma[None, :]) + _RIDGE * jnp.eye(sigma.size, dtype=sigma.dtype)
-    gain = jax.scipy.linalg.solve(correlation, forward / sigma[:, None], assume_a="pos").T / sigma[None, :]
-    kept = jnp.eye(sigma.size, dtype=jnp.float32) - gain @ transition
-    covariance = kept @ before.covariance @ kept.T + gain @ (noise + later.covariance) @ gain.T
-    apart = later.mean - _moved(model, before.mean, step_s)
-    mean = before.mean + gain @ jnp.where(_IS_YAW, wrap_yaw(apart), apart)
-    smoothed = CartEstimate(jnp.where(_IS_YAW, wrap_yaw(mean), mean), 0.5 * (covariance + covariance.T))
-    picked: CartEstimate = jax.tree.map(lambda one, two: jnp.where(broken, one, two), before, smoothed)
-    return picked
+    return kalman.wrapped(kalman.step_back(later, before, _transition(model, before.mean, step_s), broken))
 
 
 def _fix_usable(model: CartModel, fix: GnssObservation, newest_s: Float[Array, ""]) -> Bool[Array, ""]:
     timely = (fix.age_s >= 0.0) & (fix.age_s <= model.oldest_fix_s) & (fix.age_s < newest_s - 0.001)
     xx, xy, yy = fix.covariance[0, 0], fix.covariance[0, 1], fix.covariance[1, 1]
-    return usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
+    return kalman.usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
 
 
 def _fix_innovation(
     model: CartModel, estimate: CartEstimate, fix: GnssObservation, offered: Bool[Array, ""]
 ) -> Innovation:
     """Of the antenna's position, back along the arc to when it was taken."""
-    mean = estimate.mean
     scale2 = model.gnss_scale * model.gnss_scale
     slow_x, slow_y = (
         jnp.sqrt(scale2 * model.gnss_slow_share * jnp.where(offered, fix.covariance[axis, axis], 0.0))
         for axis in (0, 1)
     )
     age_s = jnp.where(offered, fix.age_s, 0.0)
-    travel = -age_s * mean[SPEED]
-    arc = reach(travel, travel * mean[CURVATURE], jnp.zeros_like(travel), model.gnss_x_m, model.gnss_y_m)
-    cos, sin = jnp.cos(mean[YAW]), jnp.sin(mean[YAW])
-    x, y = turned(cos, sin, arc.at_m)
-    by_speed = turned(cos, sin, (-age_s * arc.by_travel[0], -age_s * arc.by_travel[1]))
-    one = jnp.float32(1.0)
-    rows = (
-        {X: one, YAW: -y, SPEED: by_speed[0], SLOW_X: slow_x},
-        {Y: one, YAW: x, SPEED: by_speed[1], SLOW_Y: slow_y},
-    )
-    expected = jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
-    white = scale2 * (1.0 - model.gnss_slow_share) * fix.covariance + LEAST_FIX_VARIANCE * jnp.eye(2, dtype=mean.dtype)
-    return innovation_of(jnp.stack([fix.x_m, fix.y_m]) - expected, rows, white, offered)
+    # The turn since the fix is held fixed: a late fix must not correct the curvature through the antenna's lever.
+    turn = -age_s * estimate.mean[SPEED] * estimate.mean[CURVATURE]
+
+    def expect(mean: Float[Array, " 7"]) -> Float[Array, " 2"]:
+        way = reach(-age_s * mean[SPEED], turn, jnp.zeros_like(turn), model.gnss_x_m, model.gnss_y_m)
+        x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), way)
+        return jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
+
+    least = LEAST_FIX_VARIANCE * jnp.eye(2, dtype=jnp.float32)
+    white = scale2 * (1.0 - model.gnss_slow_share) * fix.covariance + least
+    return kalman.innovation_of(estimate.mean, expect, jnp.stack([fix.x_m, fix.y_m]), white, offered)
 
 
 def _keep(

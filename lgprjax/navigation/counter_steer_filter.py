@@ -18,29 +18,14 @@ from lgprjax.navigation.counter_steer_model import (
     ODOMETER_SCALE,
     RATE_BIAS,
     SPEED,
-    STATES,
     YAW,
     FilterModel,
     NavEstimate,
     X,
     Y,
     init_estimate,
-    pose_of,
-    step_local,
 )
-from lgprjax.navigation.kalman import (
-    Innovation,
-    Pair,
-    Reach,
-    Row,
-    Weighed,
-    innovation_of,
-    reach,
-    reopen,
-    turned,
-    usable,
-    wrap_yaw,
-)
+from lgprjax.navigation.kalman import Innovation, reach, turned
 from lgprjax.navigation.observations import (
     GNSS,
     HEADING,
@@ -62,220 +47,130 @@ from lgprjax.navigation.observations import (
 )
 from lgprjax.vehicle import VehiclePose
 
-# The filter's algebra: prediction of 13 states over a tick; updates are in ``kalman``.
-#
-# The derivatives of a tick's motion touch three rows of the covariance: they are written out by rows, so that a tick of
-# hundreds of batch elements stays elementwise.
 
-
-class Transition(NamedTuple):
-    """Propagation of small errors over a tick.
-
-    Attributes:
-        pose_rows: derivatives of x, y and yaw after the tick by the states before it.
-        decay: of the states after the pose: one, or the decay of a Gauss-Markov error.
-        yaw_noise: derivatives of x, y and yaw by a turn of the body.
-    """
-
-    pose_rows: Float[Array, "3 13"]
-    decay: Float[Array, " 10"]
-    yaw_noise: Float[Array, " 3"]
-
-
-def transition_of(model: FilterModel, estimate: NavEstimate, motion: MotionInput) -> Transition:
-    """The derivatives of a tick at the estimate before it; ``transition_matrix`` has them as a matrix."""
-    mean, step = estimate.mean, motion.step_s
-    travel, turn = mean[SPEED] * step, (motion.yaw_rate_radps - mean[RATE_BIAS]) * step
-    nowhere = jnp.zeros_like(travel)
-    arc = reach(travel, turn, model.zero_slip_m, nowhere, nowhere)
-    cos, sin = jnp.cos(mean[YAW]), jnp.sin(mean[YAW])
-    at, by_travel, by_turn = (turned(cos, sin, part) for part in (arc.at_m, arc.by_travel, arc.by_turn_m))
-    rows = jnp.zeros((3, len(STATES)), mean.dtype)
-    rows = rows.at[X, X].set(1.0).at[Y, Y].set(1.0).at[YAW, YAW].set(1.0)
-    rows = rows.at[X, YAW].set(-at[1]).at[Y, YAW].set(at[0])
-    rows = rows.at[X, SPEED].set(step * by_travel[0]).at[Y, SPEED].set(step * by_travel[1])
-    bias = -step * jnp.stack([*by_turn, jnp.ones_like(step)])
-    gnss, lgpr = _error_decay(model, travel, step)
-    decay = jnp.concatenate([jnp.ones(LGPR_LEVER_Y - YAW), jnp.stack([gnss, gnss, lgpr, lgpr])])
-    return Transition(rows.at[:, RATE_BIAS].set(bias), decay, jnp.stack([*by_turn, jnp.ones_like(step)]))
-
-
-def transition_matrix(transition: Transition) -> Float[Array, "13 13"]:
-    """F, the derivatives of all states after a tick by those before it."""
-    rest = jnp.concatenate([jnp.zeros((len(transition.decay), 3)), jnp.diag(transition.decay)], axis=1)
-    return jnp.concatenate([transition.pose_rows, rest])
-
-
-def predict(model: FilterModel, estimate: NavEstimate, motion: MotionInput) -> NavEstimate:
-    """The estimate a tick later, before its observations.
+def transition_of(model: FilterModel, estimate: NavEstimate, motion: MotionInput) -> kalman.Transition:
+    """A tick at the estimate before it.
 
     Speed, bias, scale, clock and lever wander before the motion, which happens at the speed of the tick's end: so that
     an observation of some age is evaluated by going back along the same arc. The gyro's noise turns the body about the
     zero-slip point; side noise and the errors' own come after.
-
-    Args:
-        model: of vehicle and sensors.
-        estimate: at the tick's start.
-        motion: the tick's.
     """
-    transition = transition_of(model, estimate, motion)
-    mean, step = estimate.mean, motion.step_s
-    rate = motion.yaw_rate_radps - mean[RATE_BIAS]
-    pose = step_local(pose_of(estimate), mean[SPEED], rate, model.zero_slip_m, step)
-    moved = jnp.concatenate([jnp.stack([*pose]), mean[YAW + 1 :] * transition.decay])
-    wandered = estimate.covariance + jnp.diag(_wander(model) * step)
-    half = _apply(transition, wandered)
-    covariance = _apply(transition, half.T)
-    cos, sin = jnp.cos(pose.yaw_rad), jnp.sin(pose.yaw_rad)
-    turn = model.yaw_rate_noise * jnp.sqrt(step) * transition.yaw_noise
-    side = model.side_noise * jnp.sqrt(step) * jnp.stack([-sin, cos, jnp.zeros_like(sin)])
-    noise = jnp.outer(turn, turn) + jnp.outer(side, side)
+    step = motion.step_s
+    # The errors fade over the way driven, which is no function of the states: they are small.
+    way = jnp.abs(estimate.mean[SPEED]) * step
+    gnss, lgpr = jnp.exp(-step / model.gnss_error_s), jnp.exp(-way / model.lgpr_error_m)
+    decay = jnp.stack([gnss, gnss, lgpr, lgpr])
+
+    def move(mean: Float[Array, " 13"], noise: Float[Array, " 12"]) -> Float[Array, " 13"]:
+        walked = mean[SPEED:GNSS_ERROR_X] + noise[:6]
+        turn = (motion.yaw_rate_radps - walked[RATE_BIAS - SPEED]) * step + noise[6]
+        nowhere = jnp.zeros_like(turn)
+        at = reach(walked[0] * step, turn, model.zero_slip_m, nowhere, nowhere)
+        x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), at)
+        yaw = mean[YAW] + turn
+        aside = jnp.stack([x - jnp.sin(yaw) * noise[7], y + jnp.cos(yaw) * noise[7], turn])
+        return jnp.concatenate([mean[:SPEED] + aside, walked, mean[GNSS_ERROR_X:] * decay + noise[8:]])
+
+    walks = [model.acceleration_noise, model.rate_bias_walk, model.odometer_scale_walk, model.clock_walk]
+    white = jnp.stack([*walks, model.lever_walk, model.lever_walk, model.yaw_rate_noise, model.side_noise])
     errors = jnp.stack([model.gnss_error_sigma_m] * 2 + [model.lgpr_error_sigma_m] * 2)
-    fresh = errors * errors * (1.0 - transition.decay[-4:]) * (1.0 + transition.decay[-4:])
-    injected = jnp.pad(noise, (0, len(STATES) - 3)) + jnp.diag(jnp.pad(fresh, (len(STATES) - 4, 0)))
-    # Rounding leaves the two halves apart by a digit; here they are brought together once a tick.
-    covariance = 0.5 * (covariance + covariance.T) + injected
-    return NavEstimate(moved, covariance)
+    fresh = errors * jnp.sqrt((1.0 - decay) * (1.0 + decay))
+    return kalman.linearise(move, estimate.mean, jnp.concatenate([white * jnp.sqrt(step), fresh]))
 
 
-def weigh(estimate: NavEstimate, innovation: Innovation) -> Weighed:
-    """Gain and normalised innovation squared of an observation of one to three components."""
-    return kalman.weigh(estimate.covariance, innovation)
+def transition_matrix(transition: kalman.Transition) -> Float[Array, "13 13"]:
+    """F, the derivatives of all states after a tick by those before it."""
+    return transition.matrix
 
 
-def correct(estimate: NavEstimate, innovation: Innovation, weighed: Weighed, use: Bool[Array, ""]) -> NavEstimate:
-    """The estimate after an observation, by Joseph's form, where it is used; if not, it stays what it is."""
-    return NavEstimate(*kalman.correct(*estimate, innovation, weighed, use))
+def predict(model: FilterModel, estimate: NavEstimate, motion: MotionInput) -> NavEstimate:
+    """The estimate a tick later, before its observations."""
+    return kalman.predict(estimate.covariance, transition_of(model, estimate, motion))
 
 
 def update(estimate: NavEstimate, innovation: Innovation) -> NavEstimate:
     """The estimate after an observation without a gate; one that is not offered changes nothing."""
-    return correct(estimate, innovation, weigh(estimate, innovation), innovation.offered)
+    return kalman.correct(estimate, innovation, kalman.weigh(estimate, innovation), innovation.offered)
 
 
-def _wander(model: FilterModel) -> Float[Array, " 13"]:
-    """Variances per second of the states with a random walk."""
-    sigmas = jnp.zeros(len(STATES)).at[SPEED].set(model.acceleration_noise).at[RATE_BIAS].set(model.rate_bias_walk)
-    sigmas = sigmas.at[ODOMETER_SCALE].set(model.odometer_scale_walk).at[LGPR_CLOCK].set(model.clock_walk)
-    sigmas = sigmas.at[LGPR_LEVER_X].set(model.lever_walk).at[LGPR_LEVER_Y].set(model.lever_walk)
-    return sigmas * sigmas
-
-
-def _error_decay(
-    model: FilterModel, travel_m: Float[Array, ""], step_s: Float[Array, ""]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Decay of the GNSS error over a tick's time, and of the LGPR error over its travel in either direction."""
-    return jnp.exp(-step_s / model.gnss_error_s), jnp.exp(-jnp.abs(travel_m) / model.lgpr_error_m)
-
-
-def _apply(transition: Transition, matrix: Float[Array, "13 13"]) -> Float[Array, "13 13"]:
-    """F times a matrix: three rows are sums of five, the others are scaled."""
-    pose = matrix[: YAW + 1]
-    for state in (YAW, SPEED, RATE_BIAS):
-        weight = transition.pose_rows[:, state]
-        if state == YAW:
-            weight = weight.at[YAW].set(0.0)
-        pose = pose + jnp.outer(weight, matrix[state])
-    return jnp.concatenate([pose, transition.decay[:, None] * matrix[YAW + 1 :]])
-
-
-# Expected observations of each source: innovation, its derivatives by the states, and its noise.
+# Innovations of each source.
 #
-# Derivatives are kept as the few states that an observation depends on. An observation of age τ was taken where the
-# vehicle was τ before the tick's end: the pose moves back along body velocity and yaw rate, which is exact within a
-# tick.
+# An observation of age τ was taken where the vehicle was τ before the tick's end: the pose moves back along body
+# velocity and yaw rate, which is exact within a tick.
 
 
 def gnss_innovation(
     model: FilterModel, estimate: NavEstimate, motion: MotionInput, observation: GnssObservation
 ) -> Innovation:
     """Of the antenna's position."""
-    age, (back, along, rate) = _clean(observation, observation.age_s), _body_motion(estimate, motion)
-    at = reach(-age * along, -age * rate, model.zero_slip_m, model.gnss_x_m, model.gnss_y_m)
-    (x, y), (row_x, row_y) = _position(estimate, at, age, back)
-    row_x[GNSS_ERROR_X] = row_y[GNSS_ERROR_Y] = jnp.float32(1.0)
-    expected = jnp.stack([x + estimate.mean[GNSS_ERROR_X], y + estimate.mean[GNSS_ERROR_Y]])
+    age = _clean(observation)
+
+    def expect(mean: Float[Array, " 13"]) -> Float[Array, " 2"]:
+        place = _seen(model, motion, mean, age, model.gnss_x_m, model.gnss_y_m)[:YAW]
+        return place + mean[GNSS_ERROR_X : GNSS_ERROR_Y + 1]
+
     observed = jnp.stack([observation.x_m, observation.y_m])
-    return innovation_of(observed - expected, (row_x, row_y), observation.covariance, usable(observation))
+    return kalman.innovation_of(estimate.mean, expect, observed, observation.covariance, kalman.usable(observation))
 
 
 def heading_innovation(estimate: NavEstimate, motion: MotionInput, observation: HeadingObservation) -> Innovation:
     """Of the yaw; it depends on no lever."""
-    age, (_, _, rate) = _clean(observation, observation.age_s), _body_motion(estimate, motion)
-    residual = wrap_yaw(observation.yaw_rad - (estimate.mean[YAW] - age * rate))
-    row = {YAW: jnp.float32(1.0), RATE_BIAS: age}
-    return innovation_of(residual[None], (row,), observation.variance[None, None], usable(observation))
+    age = _clean(observation)
+
+    def expect(mean: Float[Array, " 13"]) -> Float[Array, " 1"]:
+        return (mean[YAW] - age * (motion.yaw_rate_radps - mean[RATE_BIAS]))[None]
+
+    noise, offered = observation.variance[None, None], kalman.usable(observation)
+    return kalman.innovation_of(estimate.mean, expect, observation.yaw_rad[None], noise, offered, angle=0)
 
 
 def odometer_innovation(estimate: NavEstimate, observation: OdometerObservation) -> Innovation:
     """Of the forward speed times one plus the scale."""
-    speed, scale = estimate.mean[SPEED], 1.0 + estimate.mean[ODOMETER_SCALE]
-    residual = observation.speed_mps - speed * scale
-    row = {SPEED: scale, ODOMETER_SCALE: speed}
-    return innovation_of(residual[None], (row,), observation.variance[None, None], usable(observation))
+
+    def expect(mean: Float[Array, " 13"]) -> Float[Array, " 1"]:
+        return (mean[SPEED] * (1.0 + mean[ODOMETER_SCALE]))[None]
+
+    noise, offered = observation.variance[None, None], kalman.usable(observation)
+    return kalman.innovation_of(estimate.mean, expect, observation.speed_mps[None], noise, offered)
 
 
 def lgpr_innovation(
     model: FilterModel, estimate: NavEstimate, motion: MotionInput, observation: LgprObservation
 ) -> Innovation:
     """Of the pose of the array's centre, by the clock later than its stamp."""
-    mean = estimate.mean
-    back, along, rate = _body_motion(estimate, motion)
-    age = _clean(observation, observation.age_s) + mean[LGPR_CLOCK]
-    lever = (model.array_x_m + mean[LGPR_LEVER_X], model.array_y_m + mean[LGPR_LEVER_Y])
-    at = reach(-age * along, -age * rate, model.zero_slip_m, *lever)
-    (x, y), rows = _position(estimate, at, age, back)
-    cos, sin = back
-    # A later time means less travel and turn.
-    clock = turned(
-        cos,
-        sin,
-        (
-            -along * at.by_travel[0] - rate * at.by_turn_m[0],
-            -along * at.by_travel[1] - rate * at.by_turn_m[1],
-        ),
-    )
-    lever_x, lever_y = turned(cos, sin, (at.cos, at.sin)), turned(cos, sin, (-at.sin, at.cos))
-    for axis, row in enumerate(rows):
-        row[LGPR_CLOCK], row[LGPR_LEVER_X], row[LGPR_LEVER_Y] = clock[axis], lever_x[axis], lever_y[axis]
-        row[(LGPR_ERROR_X, LGPR_ERROR_Y)[axis]] = jnp.float32(1.0)
-    turn_row = {YAW: jnp.float32(1.0), RATE_BIAS: age, LGPR_CLOCK: -rate}
-    residual = jnp.stack(
-        [
-            observation.x_m - x - mean[LGPR_ERROR_X],
-            observation.y_m - y - mean[LGPR_ERROR_Y],
-            wrap_yaw(observation.yaw_rad - (mean[YAW] - age * rate)),
-        ]
-    )
+    age = _clean(observation)
+
+    def expect(mean: Float[Array, " 13"]) -> Float[Array, " 3"]:
+        lever = (model.array_x_m + mean[LGPR_LEVER_X], model.array_y_m + mean[LGPR_LEVER_Y])
+        pose = _seen(model, motion, mean, age + mean[LGPR_CLOCK], *lever)
+        return pose + jnp.append(mean[LGPR_ERROR_X : LGPR_ERROR_Y + 1], 0.0)
+
     noise = observation.covariance
     # Of two parts each: a covariance that is none would make the estimate's one none as well.
     apart = noise**2 < jnp.diagonal(noise)[:, None] * jnp.diagonal(noise)[None, :]
     sound = jnp.all(jnp.diagonal(noise) > 0.0) & jnp.all(apart | jnp.eye(len(noise), dtype=bool))
-    return innovation_of(residual, (*rows, turn_row), noise, usable(observation) & sound)
+    observed = jnp.stack([observation.x_m, observation.y_m, observation.yaw_rad])
+    return kalman.innovation_of(estimate.mean, expect, observed, noise, kalman.usable(observation) & sound, angle=YAW)
 
 
-def _body_motion(estimate: NavEstimate, motion: MotionInput) -> tuple[Pair, Float[Array, ""], Float[Array, ""]]:
-    """Cosine and sine of the yaw, forward speed, and yaw rate without the gyro's bias."""
-    yaw = estimate.mean[YAW]
-    return (jnp.cos(yaw), jnp.sin(yaw)), estimate.mean[SPEED], motion.yaw_rate_radps - estimate.mean[RATE_BIAS]
+def _seen(
+    model: FilterModel,
+    motion: MotionInput,
+    mean: Float[Array, " 13"],
+    age_s: Float[Array, ""],
+    x_m: Float[Array, ""],
+    y_m: Float[Array, ""],
+) -> Float[Array, " 3"]:
+    """Place of a body point some time before the tick's end, and the yaw then."""
+    turn = -age_s * (motion.yaw_rate_radps - mean[RATE_BIAS])
+    way = reach(-age_s * mean[SPEED], turn, model.zero_slip_m, x_m, y_m)
+    x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), way)
+    return mean[: YAW + 1] + jnp.stack([x, y, turn])
 
 
-def _position(estimate: NavEstimate, at: Reach, age_s: Float[Array, ""], yaw: Pair) -> tuple[Pair, tuple[Row, Row]]:
-    """Position of a body point before the tick's end, and its derivatives by pose, speed and bias."""
-    cos, sin = yaw
-    one = jnp.float32(1.0)
-    x, y = turned(cos, sin, at.at_m)
-    travel, turn = turned(cos, sin, at.by_travel), turned(cos, sin, at.by_turn_m)
-    row_x = {X: one, YAW: -y, SPEED: -age_s * travel[0], RATE_BIAS: age_s * turn[0]}
-    row_y = {Y: one, YAW: x, SPEED: -age_s * travel[1], RATE_BIAS: age_s * turn[1]}
-    return (estimate.mean[X] + x, estimate.mean[Y] + y), (row_x, row_y)
-
-
-def _clean(
-    observation: GnssObservation | HeadingObservation | LgprObservation, age_s: Float[Array, ""]
-) -> Float[Array, ""]:
+def _clean(observation: GnssObservation | HeadingObservation | LgprObservation) -> Float[Array, ""]:
     """The age, or zero if it is not finite."""
-    return jnp.where(observation.valid & jnp.isfinite(age_s), age_s, 0.0)
+    return jnp.where(observation.valid & jnp.isfinite(observation.age_s), observation.age_s, 0.0)
 
 
 class FilterState(NamedTuple):
@@ -323,12 +218,12 @@ def step_filter(
     nis, offered, accepted, reacquired = [], [], [], []
     for source in range(len(SOURCES)):
         innovation = _innovation_of(source, model, estimate, motion, observations)
-        judged = weigh(estimate, innovation).nis
+        judged = kalman.weigh(estimate, innovation).nis
         fix, seen = _places(source, observations, innovation)
         verdict, gates = judge(rules, gates, source, innovation.offered, judged, fix, seen)
         opened = _let_go(source, estimate, innovation, verdict.reacquired)
         again = _innovation_of(source, model, opened, motion, observations)
-        estimate = correct(opened, again, weigh(opened, again), verdict.accepted)
+        estimate = kalman.correct(opened, again, kalman.weigh(opened, again), verdict.accepted)
         nis.append(judged)
         offered.append(innovation.offered)
         accepted.append(verdict.accepted)
@@ -375,7 +270,7 @@ def _let_go(source: int, estimate: NavEstimate, innovation: Innovation, reacquir
         state: (0.04 if state == YAW else 1.0) + 100.0 * innovation.noise[part, part]
         for part, state in enumerate(letting)
     }
-    return NavEstimate(*reopen(*estimate, moves, variances, reacquired))
+    return kalman.reopen(estimate, moves, variances, reacquired)
 
 
 # A whole drive at once: the filter forward, then back by Rauch, Tung and Striebel (1965).
@@ -383,9 +278,6 @@ def _let_go(source: int, estimate: NavEstimate, innovation: Innovation, reacquir
 # For labelling baselines and for judging the filter: every tick's estimate uses earlier and later observations. One
 # drive per call; several of equal length by ``vmap``. A drive is padded by ticks of no length without observations,
 # which change nothing.
-
-# Added to a correlation matrix, whose diagonal is 1: the precision of its entries in float32.
-_RIDGE = 1e-6
 
 
 def filter_drive(
@@ -421,35 +313,7 @@ def smooth_estimates(
         restarted: ticks across which nothing is propagated back.
     """
 
-    def back(
-        later: NavEstimate, tick: tuple[NavEstimate, MotionInput, Bool[Array, ""]]
-    ) -> tuple[NavEstimate, NavEstimate]:
-        smoothed = _step_back(model, later, *tick)
-        return smoothed, smoothed
+    def back(later: NavEstimate, before: NavEstimate, motion: MotionInput, restarted: Bool[Array, ""]) -> NavEstimate:
+        return kalman.step_back(later, before, transition_of(model, before, motion), restarted)
 
-    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
-    before = jax.tree.map(lambda leaf: leaf[:-1], filtered)
-    after = jax.tree.map(lambda leaf: leaf[1:], (motions, restarted))
-    smoothed = jax.lax.scan(back, last, (before, *after), reverse=True)[1]
-    whole: NavEstimate = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), smoothed, last)
-    return whole
-
-
-def _step_back(
-    model: FilterModel, later: NavEstimate, filtered: NavEstimate, motion: MotionInput, restarted: Bool[Array, ""]
-) -> NavEstimate:
-    """The smoothed estimate a tick before ``later``; ``motion`` is that of the tick between."""
-    predicted = predict(model, filtered, motion)
-    transition = transition_matrix(transition_of(model, filtered, motion))
-    noise = predict(model, filtered._replace(covariance=jnp.zeros_like(filtered.covariance)), motion).covariance
-    sigma = jnp.sqrt(jnp.maximum(jnp.diagonal(predicted.covariance), 1e-20))
-    identity = jnp.eye(sigma.size, dtype=sigma.dtype)
-    correlation = predicted.covariance / (sigma[:, None] * sigma[None, :]) + _RIDGE * identity
-    forward = transition @ filtered.covariance
-    gain = jax.scipy.linalg.solve(correlation, forward / sigma[:, None], assume_a="pos").T / sigma[None, :]
-    gain = jnp.where(restarted, 0.0, gain)
-    # A sum of squares: rounding cannot make it indefinite, as the difference of the textbook's form would.
-    kept = identity - gain @ transition
-    covariance = kept @ filtered.covariance @ kept.T + gain @ (noise + later.covariance) @ gain.T
-    mean = filtered.mean + gain @ (later.mean - predicted.mean)
-    return NavEstimate(mean, 0.5 * (covariance + covariance.T))
+    return kalman.smooth(filtered, back, (motions, restarted))

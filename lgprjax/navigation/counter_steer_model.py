@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from lgprjax.navigation.kalman import reach, turned, wrap_yaw
+from lgprjax.navigation.kalman import Estimate, reach, turned, wrap_yaw
 from lgprjax.vehicle import VehiclePose
 
 STATES = (
@@ -87,11 +87,8 @@ class FilterModel(NamedTuple):
     initial_lever_m: Float[Array, ""]
 
 
-class NavEstimate(NamedTuple):
-    """Mean and covariance of the states, in the order of ``STATES``; the covariance is symmetric."""
-
-    mean: Float[Array, "... 13"]
-    covariance: Float[Array, "... 13 13"]
+NavEstimate = Estimate
+"""Of the states in the order of ``STATES``."""
 
 
 def default_model(
@@ -242,7 +239,7 @@ def step_local(
     """
     turn = yaw_rate_radps * step_s
     nowhere = jnp.zeros_like(zero_slip_m)
-    way = reach(speed_mps * step_s, turn, zero_slip_m, nowhere, nowhere).at_m
+    way = reach(speed_mps * step_s, turn, zero_slip_m, nowhere, nowhere)
     x, y = turned(jnp.cos(pose_local.yaw_rad), jnp.sin(pose_local.yaw_rad), way)
     return VehiclePose(pose_local.x_m + x, pose_local.y_m + y, pose_local.yaw_rad + turn)
 

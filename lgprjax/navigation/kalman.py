@@ -1,31 +1,55 @@
-"""The filters' common core: an observation against an estimate, its gain, and the update in Joseph's form.
+"""The extended Kalman filter and smoother that every vehicle uses.
 
-Any number of states, one to three components. An observation depends on a few states, and everything is written out by
-rows, so that a tick of hundreds of batch elements stays elementwise.
+A model gives functions of its states: ``move`` to the end of a tick, and ``expect`` for each observation of one to
+three components. Their derivatives are taken here, by forward differentiation at the estimate. The states of every
+model begin with x, y and yaw.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-Row = dict[int, Float[Array, ""]]
-"""Derivatives of one component by the states it depends on."""
+YAW = 2
+"""Index of the yaw in the states of every model."""
+
+
+class Estimate(NamedTuple):
+    """Mean and covariance of a model's states; the covariance is symmetric."""
+
+    mean: Float[Array, "... state"]
+    covariance: Float[Array, "... state state"]
+
+
+class Transition(NamedTuple):
+    """A tick's motion, linearised at the estimate before it.
+
+    Attributes:
+        mean: the states after the tick.
+        matrix: F, their derivatives by the states before it.
+        noise: Q, the covariance that the tick adds.
+    """
+
+    mean: Float[Array, " state"]
+    matrix: Float[Array, "state state"]
+    noise: Float[Array, "state state"]
 
 
 class Innovation(NamedTuple):
-    """An observation against the filter's expectation; neutral if nothing usable was offered.
+    """An observation minus its expectation; neutral if nothing usable was offered.
 
     Attributes:
         residual: observed minus expected, one to three components.
-        rows: derivatives of the expectation, one a component.
+        rows: H, derivatives of the expectation by the states.
         noise: covariance of the observation's white noise.
         offered: valid, and finite in every number.
     """
 
     residual: Float[Array, " part"]
-    rows: tuple[Row, ...]
+    rows: Float[Array, "part state"]
     noise: Float[Array, "part part"]
     offered: Bool[Array, ""]
 
@@ -35,7 +59,7 @@ class Weighed(NamedTuple):
 
     Attributes:
         nis: normalised innovation squared.
-        gain: one row a component.
+        gain: one row per component.
         crossed: HP, the covariance of each component with the states.
         covariance: of the innovation, S.
     """
@@ -46,6 +70,32 @@ class Weighed(NamedTuple):
     covariance: Float[Array, "part part"]
 
 
+def linearise(
+    move: Callable[[Float[Array, " state"], Float[Array, " noise"]], Float[Array, " state"]],
+    mean: Float[Array, " state"],
+    sigmas: Float[Array, " noise"],
+) -> Transition:
+    """The transition of a tick.
+
+    Args:
+        move: f, from states and noises to the states after the tick.
+        mean: of the states before it.
+        sigmas: standard deviations of the noises, which are independent and zero in the mean.
+    """
+    none = jnp.zeros_like(sigmas)
+    # By noises and by states in two passes: with arrays above half a kilobyte XLA runs a small step in several threads,
+    # which is slower.
+    spread = jax.jacfwd(move, 1)(mean, none) * sigmas[None]
+    return Transition(move(mean, none), jax.jacfwd(move)(mean, none), times(spread, spread.T))
+
+
+def predict(covariance: Float[Array, "state state"], transition: Transition) -> Estimate:
+    """The estimate after a tick, from the covariance before it."""
+    moved = times(times(transition.matrix, covariance), transition.matrix.T)
+    # Rounding leaves the two halves apart by a digit; here they are brought together once a tick.
+    return Estimate(transition.mean, 0.5 * (moved + moved.T) + transition.noise)
+
+
 def usable(observation: tuple[Array, ...]) -> Bool[Array, ""]:
     """Valid, which an observation's last field says, and every number of it finite."""
     finite = [jnp.all(jnp.isfinite(part)) for part in observation[:-1]]
@@ -53,97 +103,90 @@ def usable(observation: tuple[Array, ...]) -> Bool[Array, ""]:
 
 
 def innovation_of(
-    residual: Float[Array, " part"],
-    rows: tuple[Row, ...],
+    mean: Float[Array, " state"],
+    expect: Callable[[Float[Array, " state"]], Float[Array, " part"]],
+    observed: Float[Array, " part"],
     noise: Float[Array, "part part"],
     offered: Bool[Array, ""],
+    *,
+    angle: int | None = None,
 ) -> Innovation:
-    """The innovation, neutral if nothing usable was offered."""
-    neutral = jnp.eye(len(rows), dtype=noise.dtype)
+    """The innovation, neutral if nothing usable was offered.
+
+    Args:
+        mean: of the states.
+        expect: h, the expected observation; finite with its derivatives whatever the slot holds.
+        observed: the observation.
+        noise: covariance of its white noise.
+        offered: whether it is usable.
+        angle: the component that is an angle, whose difference is taken within half a turn.
+    """
+    residual = observed - expect(mean)
+    if angle is not None:
+        residual = residual.at[angle].set(wrap_yaw(residual[angle]))
+    neutral = jnp.eye(len(residual), dtype=noise.dtype)
+    rows = jax.jacfwd(expect)(mean)
     return Innovation(jnp.where(offered, residual, 0.0), rows, jnp.where(offered, noise, neutral), offered)
 
 
-def weigh(covariance: Float[Array, "state state"], innovation: Innovation) -> Weighed:
-    """Gain and normalised innovation squared, by a Cholesky factor written out: one to three components.
-
-    Args:
-        covariance: of the states.
-        innovation: of the observation.
-    """
-    rows, parts = innovation.rows, range(len(innovation.rows))
-    crossed = [_along_row(row, covariance) for row in rows]
-    spread = [[_along_row(rows[j], crossed[i]) + innovation.noise[i, j] for j in range(i + 1)] for i in parts]
+def weigh(estimate: Estimate, innovation: Innovation) -> Weighed:
+    """Gain and normalised innovation squared, by a Cholesky factor written out: one to three components."""
+    crossed = times(innovation.rows, estimate.covariance)
+    spread = times(crossed, innovation.rows.T) + innovation.noise
+    parts = range(len(spread))
     factor: list[list[Float[Array, ""]]] = []
-    white: list[Float[Array, ""]] = []
-    gain: list[Float[Array, " state"]] = []
+    solved: list[Float[Array, " state_and_residual"]] = []
     for i in parts:
+        row = jnp.append(crossed[i], innovation.residual[i])
         line: list[Float[Array, ""]] = []
-        for j in range(i + 1):
-            value = spread[i][j]
-            for m in range(j):
-                value = value - line[m] * (factor[j][m] if j < i else line[m])
-            # Rounding may reduce a variance to zero; the gate then handles a huge innovation.
-            line.append(value / factor[j][j] if j < i else jnp.sqrt(jnp.maximum(value, 1e-12)))
+        for j in range(i):
+            line.append((spread[i, j] - sum(line[m] * factor[j][m] for m in range(j))) / factor[j][j])
+            row = row - line[j] * solved[j]
+        # Rounding may reduce a variance to zero; the gate then handles a huge innovation.
+        line.append(jnp.sqrt(jnp.maximum(spread[i, i] - sum(value * value for value in line), 1e-12)))
         factor.append(line)
-        row, residual = crossed[i], innovation.residual[i]
-        for m in range(i):
-            row, residual = row - line[m] * gain[m], residual - line[m] * white[m]
-        gain.append(row / line[i])
-        white.append(residual / line[i])
-    nis = white[0] * white[0]
+        solved.append(row / line[i])
+    white = jnp.stack([row[-1] for row in solved])
+    gain = [row[:-1] for row in solved]
     for i in reversed(parts):
-        for m in range(i + 1, len(rows)):
-            gain[i] = gain[i] - factor[m][i] * gain[m]
-        gain[i] = gain[i] / factor[i][i]
-        nis = nis + white[i] * white[i] if i else nis
-    whole = jnp.stack([jnp.stack([spread[max(i, j)][min(i, j)] for j in parts]) for i in parts])
-    return Weighed(nis, jnp.stack(gain), jnp.stack(crossed), whole)
+        gain[i] = (gain[i] - sum(factor[m][i] * gain[m] for m in parts[i + 1 :])) / factor[i][i]
+    return Weighed(jnp.sum(white * white), jnp.stack(gain), crossed, spread)
 
 
-def correct(
-    mean: Float[Array, " state"],
-    covariance: Float[Array, "state state"],
-    innovation: Innovation,
-    weighed: Weighed,
-    use: Bool[Array, ""],
-) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """Mean and covariance after an observation, by Joseph's form: P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ.
+def correct(estimate: Estimate, innovation: Innovation, weighed: Weighed, use: Bool[Array, ""]) -> Estimate:
+    """The estimate after an observation, by Joseph's form: P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ.
 
-    It is multiplied out to P − Σ (k eᵀ + e kᵀ) with e = HP − S k / 2 by component: that is symmetric but for the last
-    digit, and a rounded gain enters squared, as in the product. Rounding errors are 1e-7 of the previous covariance: in
+    It is multiplied out to P − (Kᵀ E + Eᵀ K) with E = HP − S K / 2, K one row per component: that is symmetric, and a
+    rounded gain enters squared, as in the product. Rounding errors are 1e-7 of the previous covariance: in
     float32 a standard deviation may fall to a thousandth in one update, not to less.
 
     Args:
-        mean, covariance: of the states before.
+        estimate: before.
         innovation: of the observation.
         weighed: from ``weigh``.
         use: whether it is used; if not, the estimate stays what it is.
     """
     gain = jnp.where(use, weighed.gain, 0.0)
-    for part in range(len(innovation.rows)):
-        rest = weighed.crossed[part]
-        for other in range(len(innovation.rows)):
-            rest = rest - 0.5 * weighed.covariance[part, other] * gain[other]
-        covariance = covariance - (jnp.outer(gain[part], rest) + jnp.outer(rest, gain[part]))
-        mean = mean + innovation.residual[part] * gain[part]
-    return mean, covariance
+    change = times(gain.T, weighed.crossed - 0.5 * times(weighed.covariance, gain))
+    mean = estimate.mean + times(innovation.residual[None], gain)[0]
+    return Estimate(mean, estimate.covariance - (change + change.T))
 
 
 def reopen(
-    mean: Float[Array, " state"],
-    covariance: Float[Array, "state state"],
+    estimate: Estimate,
     moves: dict[int, Float[Array, ""]],
     variances: dict[int, Float[Array, ""]],
     use: Bool[Array, ""],
-) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """Mean and covariance with some states reset: moved, with new variances, and uncorrelated with the others.
+) -> Estimate:
+    """The estimate with some states reset: moved, with new variances, and uncorrelated with the others.
 
     Args:
-        mean, covariance: of the states before.
+        estimate: before.
         moves: by state, what is added to its mean.
         variances: by state, its variance from now on.
         use: whether they are let go; if not, the estimate stays what it is.
     """
+    mean, covariance = estimate
     picks = np.eye(mean.size, dtype=np.bool_)
     gone = use & jnp.asarray(picks[list(moves)].any(axis=0))
     fresh, moved = jnp.zeros_like(mean), jnp.zeros_like(mean)
@@ -151,42 +194,88 @@ def reopen(
         fresh, moved = jnp.where(picks[state], variances[state], fresh), jnp.where(picks[state], move, moved)
     # Selected, not multiplied: a NaN must not reach a state through a factor of zero.
     tied = jnp.where(gone[:, None] | gone[None, :], 0.0, covariance)
-    return mean + jnp.where(gone, moved, 0.0), tied + jnp.diag(jnp.where(gone, fresh, 0.0))
+    return Estimate(mean + jnp.where(gone, moved, 0.0), tied + jnp.diag(jnp.where(gone, fresh, 0.0)))
 
 
-def _along_row(row: Row, matrix: Float[Array, "state ..."]) -> Float[Array, "..."]:
-    """An observation's row times a matrix or vector of the states."""
-    total = jnp.zeros_like(matrix[0])
-    for state, weight in row.items():
-        total = total + weight * matrix[state]
-    return total
+def smooth(filtered: Estimate, back: Callable[..., Estimate], ticks: tuple[Any, ...]) -> Estimate:
+    """Estimates of a drive, each by earlier and later observations (Rauch, Tung and Striebel 1965).
+
+    Args:
+        filtered: after each tick.
+        back: from the smoothed estimate after a tick, the filtered one before it and the tick to the smoothed one.
+        ticks: arguments of ``back``, leading axis tick.
+    """
+
+    def step(later: Estimate, tick: tuple[Any, ...]) -> tuple[Estimate, Estimate]:
+        smoothed = back(later, *tick)
+        return smoothed, smoothed
+
+    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
+    before = jax.tree.map(lambda leaf: leaf[:-1], filtered)
+    following = jax.tree.map(lambda leaf: leaf[1:], ticks)
+    earlier = jax.lax.scan(step, last, (before, *following), reverse=True)[1]
+    whole: Estimate = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), earlier, last)
+    return whole
 
 
-# Motion of a body point along an arc, and its derivatives: the filter's only geometry.
+def step_back(later: Estimate, before: Estimate, transition: Transition, broken: Bool[Array, ""]) -> Estimate:
+    """The smoothed estimate before a tick; across a broken tick that is the filtered one.
+
+    Args:
+        later: smoothed, after the tick.
+        before: filtered, before it.
+        transition: the tick's, at ``before``.
+        broken: nothing is propagated back.
+    """
+    forward = times(transition.matrix, before.covariance)
+    gain = regression(predict(before.covariance, transition).covariance, forward)
+    # A sum of squares: rounding cannot make it indefinite, as the difference of the textbook's form would.
+    kept = jnp.eye(before.mean.size, dtype=jnp.float32) - times(gain, transition.matrix)
+    spread = times(times(kept, before.covariance), kept.T)
+    spread = spread + times(times(gain, transition.noise + later.covariance), gain.T)
+    mean = before.mean + times(gain, apart(later.mean, transition.mean)[:, None])[:, 0]
+    smoothed = Estimate(mean, 0.5 * (spread + spread.T))
+    picked: Estimate = jax.tree.map(lambda one, other: jnp.where(broken, one, other), before, smoothed)
+    return picked
+
+
+def regression(
+    covariance: Float[Array, "state state"], crossed: Float[Array, "state part"]
+) -> Float[Array, "part state"]:
+    """Crossed covariance over covariance, scaled: float32 then holds microradians as well as metres."""
+    sigma = jnp.sqrt(jnp.maximum(jnp.diagonal(covariance), 1e-20))
+    # The ridge is the precision of a correlation in float32.
+    correlation = covariance / (sigma[:, None] * sigma[None, :]) + 1e-6 * jnp.eye(sigma.size, dtype=sigma.dtype)
+    solved: Float[Array, "state part"] = jax.scipy.linalg.solve(correlation, crossed / sigma[:, None], assume_a="pos")
+    return solved.T / sigma[None, :]
+
+
+def apart(one: Float[Array, " state"], other: Float[Array, " state"]) -> Float[Array, " state"]:
+    """The difference of states, that of the yaw within half a turn."""
+    return wrapped(Estimate(one - other, one)).mean
+
+
+def wrapped(estimate: Estimate) -> Estimate:
+    """The estimate with its yaw in [-π, π]."""
+    mean = estimate.mean
+    return estimate._replace(mean=jnp.where(np.arange(mean.size) == YAW, wrap_yaw(mean), mean))
+
+
+def times(one: Float[Array, "row inner"], other: Float[Array, "inner column"]) -> Float[Array, "row column"]:
+    """The product of matrices with all digits of float32: accelerators round factors unless told otherwise."""
+    # Small ones are fused with what precedes them if summed elementwise: the hand cart's smoother takes half the time.
+    if max(*one.shape, *other.shape) <= 8:
+        return (one[:, :, None] * other[None]).sum(axis=1)
+    return jnp.matmul(one, other, precision="highest")
+
+
+# Motion of a body point along an arc: the filters' only geometry.
 #
 # The zero-slip point moves ds along the body axis while the body turns by dθ, so it moves by the arc's chord
 # ds sinc(dθ/2) in the direction dθ/2; every other point of the body turns about it. Nothing is divided by the
 # curvature, and reversing is a negative ds with a negative turn.
 
-Scalar = Float[Array, "..."]
-Pair = tuple[Scalar, Scalar]
-
-
-class Reach(NamedTuple):
-    """A body point after an arc, in the body axes before it, from the rear axle before it.
-
-    Attributes:
-        at_m: forward and left.
-        by_travel: derivative of both by the travel.
-        by_turn_m: derivative of both by the turn, metres a radian.
-        cos, sin: of the turn; its rotation is the derivative by the point's place in the body.
-    """
-
-    at_m: Pair
-    by_travel: Pair
-    by_turn_m: Pair
-    cos: Scalar
-    sin: Scalar
+Pair = tuple[Float[Array, "..."], Float[Array, "..."]]
 
 
 def reach(
@@ -195,8 +284,8 @@ def reach(
     zero_slip_m: Float[Array, "..."],
     x_m: Float[Array, "..."],
     y_m: Float[Array, "..."],
-) -> Reach:
-    """Where the body point (x, y) is after an arc.
+) -> Pair:
+    """The body point (x, y) after an arc, forward and left in the body axes before it, from the rear axle before it.
 
     Args:
         travel_m: ds, negative in reverse.
@@ -207,21 +296,12 @@ def reach(
     half = 0.5 * turn_rad
     cos_half, sin_half = jnp.cos(half), jnp.sin(half)
     square = half * half
-    # Below a tenth of a radian the series is exact in float32, and the quotients lose digits.
+    # Below a tenth of a radian the series is exact in float32, and the quotient loses digits.
     small = square < 0.01
-    safe = jnp.where(small, 1.0, half)
-    chord = jnp.where(small, 1.0 - square / 6.0 * (1.0 - square / 20.0), sin_half / safe)
-    slope = jnp.where(small, -half / 3.0 * (1.0 - square / 10.0), (cos_half - chord) / safe)
+    chord = jnp.where(small, 1.0 - square / 6.0 * (1.0 - square / 20.0), sin_half / jnp.where(small, 1.0, half))
     cos, sin = cos_half * cos_half - sin_half * sin_half, 2.0 * sin_half * cos_half
-    arm_x, arm_y = x_m - zero_slip_m, y_m
-    turned_x, turned_y = cos * arm_x - sin * arm_y, sin * arm_x + cos * arm_y
-    by_travel = (chord * cos_half, chord * sin_half)
-    by_turn = (
-        0.5 * travel_m * (slope * cos_half - chord * sin_half) - turned_y,
-        0.5 * travel_m * (slope * sin_half + chord * cos_half) + turned_x,
-    )
-    at = (travel_m * by_travel[0] + zero_slip_m + turned_x, travel_m * by_travel[1] + turned_y)
-    return Reach(at, by_travel, by_turn, cos, sin)
+    x, y = turned(cos, sin, (x_m - zero_slip_m, y_m))
+    return travel_m * (chord * cos_half) + zero_slip_m + x, travel_m * (chord * sin_half) + y
 
 
 def turned(cos: Float[Array, "..."], sin: Float[Array, "..."], vector: Pair) -> Pair:

@@ -7,10 +7,10 @@ counter-steered vehicle.
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from lgprjax.navigation.kalman import Innovation, correct, innovation_of, reach, reopen, turned, usable, weigh, wrap_yaw
+from lgprjax.navigation import kalman
+from lgprjax.navigation.kalman import Innovation, reach, turned, wrap_yaw
 from lgprjax.navigation.observations import (
     GNSS,
     HEADING,
@@ -25,7 +25,6 @@ from lgprjax.navigation.observations import (
 )
 from lgprjax.navigation.skid_model import (
     DRIFT,
-    SKID_STATES,
     SLIP_AHEAD,
     SLOW_X,
     SLOW_Y,
@@ -85,7 +84,7 @@ def antenna_reach(
     """The antenna some time before the tick's end, forward and left of the midpoint at the end."""
     speed_mps, yaw_rate_radps = skid_rates(model, estimate, motion)
     ahead = estimate.mean[SLIP_AHEAD]
-    return reach(-age_s * speed_mps, -age_s * yaw_rate_radps, ahead, model.gnss_x_m, model.gnss_y_m).at_m
+    return reach(-age_s * speed_mps, -age_s * yaw_rate_radps, ahead, model.gnss_x_m, model.gnss_y_m)
 
 
 def fix_innovation(
@@ -100,15 +99,16 @@ def fix_innovation(
     """
     scale2 = model.gnss_scale * model.gnss_scale
     slow_x, slow_y = (jnp.sqrt(scale2 * model.gnss_slow_share * _variance(fix, axis, offered)) for axis in (0, 1))
+    # The way since the fix is held fixed: a fix at most a second old must not correct scale and slip through its age.
     at = antenna_reach(model, estimate, motion, jnp.where(offered, fix.age_s, 0.0))
-    mean = estimate.mean
-    x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), at)
-    one = jnp.float32(1.0)
-    rows = ({X: one, YAW: -y, SLOW_X: slow_x}, {Y: one, YAW: x, SLOW_Y: slow_y})
-    expected = jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
-    least = LEAST_FIX_VARIANCE * jnp.eye(2, dtype=mean.dtype)
+
+    def expect(mean: Float[Array, " 12"]) -> Float[Array, " 2"]:
+        x, y = turned(jnp.cos(mean[YAW]), jnp.sin(mean[YAW]), at)
+        return jnp.stack([mean[X] + x + slow_x * mean[SLOW_X], mean[Y] + y + slow_y * mean[SLOW_Y]])
+
+    least = LEAST_FIX_VARIANCE * jnp.eye(2, dtype=jnp.float32)
     white = scale2 * (1.0 - model.gnss_slow_share) * fix.covariance + least
-    return innovation_of(jnp.stack([fix.x_m, fix.y_m]) - expected, rows, white, offered)
+    return kalman.innovation_of(estimate.mean, expect, jnp.stack([fix.x_m, fix.y_m]), white, offered)
 
 
 def turn_innovation(
@@ -129,12 +129,16 @@ def turn_innovation(
     """
     span = jnp.where(received.usable, delta.span_s, 0.0)
     _, yaw_rate_radps = skid_rates(model, estimate, motion)
-    expected = estimate.mean[TURNED] - received.late_s * yaw_rate_radps + estimate.mean[DRIFT] * span
+
+    # The turn since the span's end is held fixed: the INS corrects what was counted, not the wheels' rate.
+    def expect(mean: Float[Array, " 12"]) -> Float[Array, " 1"]:
+        return (mean[TURNED] - received.late_s * yaw_rate_radps + mean[DRIFT] * span)[None]
+
     # The end of a span within its tick is unknown: its turn is uncertain if the rate changed between two ends.
     doubt = model.ins_clock_s * (yaw_rate_radps - epoch.yaw_rate_radps)
-    noise = model.ins_noise**2 * span + doubt * doubt + model.ins_turn_noise**2 * jnp.abs(expected)
-    row = {TURNED: jnp.float32(1.0), DRIFT: span}
-    return innovation_of((delta.turn_rad - expected)[None], (row,), noise[None, None], received.usable)
+    by_turn = model.ins_turn_noise**2 * jnp.abs(expect(estimate.mean))
+    noise = model.ins_noise**2 * span + doubt * doubt + by_turn
+    return kalman.innovation_of(estimate.mean, expect, delta.turn_rad[None], noise[:, None], received.usable)
 
 
 def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHeading) -> HeadingChange:
@@ -149,7 +153,7 @@ def hear(model: SkidModel, epoch: InsEpoch, motion: SkidMotion, delta: DeltaHead
         motion: the tick's.
         delta: of the tick.
     """
-    sound = usable(delta) & (delta.span_s > 0.0)
+    sound = kalman.usable(delta) & (delta.span_s > 0.0)
     span = jnp.where(sound, delta.span_s, 1.0)
     late = epoch.since_s - span
     possible = jnp.abs(delta.turn_rad) <= model.fastest_turn_radps * span
@@ -171,7 +175,7 @@ def fix_usable(model: SkidModel, fix: GnssObservation, newest_s: Float[Array, ""
     # Two numbers that differ by rounding are the same time.
     timely = (fix.age_s >= 0.0) & (fix.age_s <= model.oldest_fix_s) & (fix.age_s < newest_s - 0.001)
     xx, xy, yy = fix.covariance[0, 0], fix.covariance[0, 1], fix.covariance[1, 1]
-    return usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
+    return kalman.usable(fix) & timely & (xx >= 0.0) & (yy >= 0.0) & (xx * yy >= xy * xy)
 
 
 def fix_variance(fix: GnssObservation, offered: Bool[Array, ""]) -> Float[Array, ""]:
@@ -195,9 +199,6 @@ def _variance(fix: GnssObservation, axis: int, offered: Bool[Array, ""]) -> Floa
 #
 # Wheels slip, so that a turn beyond the gate is taken from the INS; the disagreement is added to the uncertainty, so
 # that a faulty INS costs accuracy but not consistency.
-
-IS_YAW = np.arange(len(SKID_STATES)) == YAW
-"""Picks the yaw among the states."""
 
 
 class Fate(NamedTuple):
@@ -250,26 +251,25 @@ def update_turn(
     """
     received = hear(model, epoch, motion, delta)
     innovation = turn_innovation(model, estimate, motion, epoch, delta, received)
-    weighed = weigh(estimate.covariance, innovation)
+    weighed = kalman.weigh(estimate, innovation)
     nowhere = jnp.zeros(2, jnp.float32)
     verdict, gates = judge(rules, gates, HEADING, received.usable, weighed.nis, nowhere, nowhere)
-    mean, covariance = correct(*estimate, innovation, weighed, verdict.accepted & ~verdict.reacquired)
+    used = kalman.correct(estimate, innovation, weighed, verdict.accepted & ~verdict.reacquired)
     # Beyond the gate the wheel states are not updated, and half of the disagreement is added to the sigma itself, not
     # to its square: disagreements of one cause have one sign.
     apart = jnp.where(verdict.reacquired, innovation.residual[0], 0.0)
-    half, sigma = 0.5 * jnp.abs(apart), jnp.sqrt(jnp.maximum(covariance[YAW, YAW], 0.0))
-    mean = jnp.where(IS_YAW, wrap_yaw(mean + apart), mean)
-    covariance = covariance + jnp.diag(jnp.where(IS_YAW, half * (half + 2.0 * sigma), 0.0))
-    _, yaw_rate_radps = skid_rates(model, SkidEstimate(mean, covariance), motion)
-    counted = SkidEstimate(mean, covariance)
-    begun = received.late_s * yaw_rate_radps - mean[TURNED]
-    mean, covariance = reopen(mean, covariance, {TURNED: begun}, {TURNED: jnp.zeros_like(begun)}, received.ends)
+    half, sigma = 0.5 * jnp.abs(apart), jnp.sqrt(jnp.maximum(used.covariance[YAW, YAW], 0.0))
+    doubted = used.covariance.at[YAW, YAW].add(half * (half + 2.0 * sigma))
+    counted = kalman.wrapped(SkidEstimate(used.mean.at[YAW].add(apart), doubted))
+    _, yaw_rate_radps = skid_rates(model, counted, motion)
+    begun = received.late_s * yaw_rate_radps - counted.mean[TURNED]
+    begins = kalman.reopen(counted, {TURNED: begun}, {TURNED: jnp.zeros_like(begun)}, received.ends)
     ended = InsEpoch(
         jnp.where(received.ends, received.late_s, epoch.since_s),
         jnp.where(received.ends, yaw_rate_radps, epoch.yaw_rate_radps),
     )
     fate = Fate(weighed.nis, received.usable, verdict.accepted, verdict.reacquired)
-    return HeadingUpdate(SkidEstimate(mean, covariance), gates, ended, fate, counted, received.ends)
+    return HeadingUpdate(begins, gates, ended, fate, counted, received.ends)
 
 
 # The first heading of a vehicle without a compass: from pairs of fixes while driving straight (MF section 2).
@@ -403,7 +403,7 @@ def step_heading_start(
 def _drive(start: HeadingStart, way: Way) -> HeadingStart:
     """The own pose a tick on; before the first fix the frame stays at the vehicle."""
     nowhere = jnp.zeros_like(way.travel_m)
-    at = reach(way.travel_m, way.turn_rad, way.slip_ahead_m, nowhere, nowhere).at_m
+    at = reach(way.travel_m, way.turn_rad, way.slip_ahead_m, nowhere, nowhere)
     x, y = turned(jnp.cos(start.own.yaw_rad), jnp.sin(start.own.yaw_rad), at)
     begun = start.taken > 0
     ahead = VehiclePose(start.own.x_m + x, start.own.y_m + y, start.own.yaw_rad + way.turn_rad)
@@ -586,32 +586,30 @@ def _hear_fix(
     place, before = jnp.stack([fix.x_m, fix.y_m]), state.last
     offered = fix_usable(model, fix, before.fix_s) & jnp.any(place != before.fix_m)
     start, found = _try_start(model, state, motion, turn, fix, offered)
-    mean, covariance = state.estimate
-    off = wrap_yaw(found.yaw_rad - mean[YAW])
-    limit = jnp.maximum(model.contradiction_rad, 4.0 * jnp.sqrt(found.variance + covariance[YAW, YAW]))
+    estimate = state.estimate
+    off = wrap_yaw(found.yaw_rad - estimate.mean[YAW])
+    limit = jnp.maximum(model.contradiction_rad, 4.0 * jnp.sqrt(found.variance + estimate.covariance[YAW, YAW]))
     starts, restarts = found.ready & ~start.known, found.ready & start.known & (jnp.abs(off) > limit)
     known = start.known | starts
-    mean, covariance = reopen(mean, covariance, {YAW: off}, {YAW: found.variance}, starts | restarts)
-    mean = jnp.where(IS_YAW, wrap_yaw(mean), mean)
+    estimate = kalman.wrapped(kalman.reopen(estimate, {YAW: off}, {YAW: found.variance}, starts | restarts))
     any_yaw, zero, one = jnp.float32(UNKNOWN_YAW_VARIANCE), jnp.float32(0.0), jnp.float32(1.0)
-    mean, covariance = reopen(mean, covariance, {YAW: zero}, {YAW: any_yaw}, offered & ~known)
+    estimate = kalman.reopen(estimate, {YAW: zero}, {YAW: any_yaw}, offered & ~known)
     variance = fix_variance(fix, offered)
     other = other_receiver(variance, before.fix_variance)
-    slow = {SLOW_X: -mean[SLOW_X], SLOW_Y: -mean[SLOW_Y]}
-    mean, covariance = reopen(mean, covariance, slow, {SLOW_X: one, SLOW_Y: one}, offered & other)
-    estimate = SkidEstimate(mean, covariance)
+    slow = {SLOW_X: -estimate.mean[SLOW_X], SLOW_Y: -estimate.mean[SLOW_Y]}
+    estimate = kalman.reopen(estimate, slow, {SLOW_X: one, SLOW_Y: one}, offered & other)
 
     innovation = fix_innovation(model, estimate, motion, fix, offered)
     # Without a heading, or with a new one, the place before says nothing: the vehicle is where the fix says.
     free = ~known | starts | restarts
-    nis = jnp.where(free, 0.0, weigh(covariance, innovation).nis)
+    nis = jnp.where(free, 0.0, kalman.weigh(estimate, innovation).nis)
     seen = jnp.where(offered, place, 0.0)
     verdict, gates = judge(rules, state.gates, GNSS, offered, nis, seen, seen - innovation.residual)
     moves = {X: innovation.residual[0], Y: innovation.residual[1]}
     variances = {X: 1.0 + 100.0 * innovation.noise[0, 0], Y: 1.0 + 100.0 * innovation.noise[1, 1]}
-    estimate = SkidEstimate(*reopen(mean, covariance, moves, variances, verdict.reacquired | (offered & free)))
+    estimate = kalman.reopen(estimate, moves, variances, verdict.reacquired | (offered & free))
     again = fix_innovation(model, estimate, motion, fix, offered)
-    estimate = SkidEstimate(*correct(*estimate, again, weigh(estimate.covariance, again), verdict.accepted))
+    estimate = kalman.correct(estimate, again, kalman.weigh(estimate, again), verdict.accepted)
 
     # Not "above": a variance that is no number must not count as a known heading.
     known = known & (estimate.covariance[YAW, YAW] <= model.lost_yaw_rad**2)

@@ -13,10 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from lgprjax.navigation.kalman import wrap_yaw
+from lgprjax.navigation import kalman
 from lgprjax.navigation.observations import GNSS, HEADING, GateRules
 from lgprjax.navigation.skid_filter import (
-    IS_YAW,
     SkidFilterInfo,
     SkidFilterState,
     hear_turn,
@@ -30,12 +29,9 @@ from lgprjax.navigation.skid_model import (
     SkidModel,
     SkidMotion,
     SkidObservations,
-    predict_skid,
     skid_transition,
-    way_noise,
 )
 
-_RIDGE = 1e-6
 _OTHERS = np.array([each for each in range(len(SKID_STATES)) if each != TURNED])
 
 
@@ -57,9 +53,8 @@ class SmoothedDrive(NamedTuple):
 
 
 class _Tick(NamedTuple):
-    """What the way back needs of a tick: the estimate before it, its motion, and the stages after it."""
+    """What the way back needs of a tick: its motion, and the stages after it."""
 
-    before: SkidEstimate
     motion: SkidMotion
     counted: SkidEstimate
     ends: Bool[Array, ""]
@@ -92,19 +87,11 @@ def smooth_skid(
         broken = broken | ~info.heading_known | ~state.start.known
         moved = after.estimate.mean[:2] - turned.estimate.mean[:2]
         jump_m = jnp.where(info.reacquired[GNSS] & state.start.known, jnp.hypot(moved[0], moved[1]), 0.0)
-        kept = _Tick(state.estimate, finite, turned.counted, turned.ends, info.reacquired[HEADING], broken)
+        kept = _Tick(finite, turned.counted, turned.ends, info.reacquired[HEADING], broken)
         return after, (after.estimate, info, kept, jump_m)
 
     _, (filtered, info, ticks, jump_m) = jax.lax.scan(forward, start, (motions, observations))
-    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
-
-    def back(later: SkidEstimate, tick: _Tick) -> tuple[SkidEstimate, SkidEstimate]:
-        smoothed = _step_back(model, later, tick)
-        return smoothed, smoothed
-
-    after = jax.tree.map(lambda leaf: leaf[1:], ticks)
-    before = jax.lax.scan(back, last, after, reverse=True)[1]
-    smoothed: SkidEstimate = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), before, last)
+    smoothed = kalman.smooth(filtered, lambda *args: _step_back(model, *args), (ticks,))
     return SmoothedDrive(filtered, smoothed, info, ticks.broken, jump_m)
 
 
@@ -124,51 +111,28 @@ def contradicted_m(drive: SmoothedDrive) -> Float[np.ndarray, " tick"]:
     return wrong
 
 
-def _step_back(model: SkidModel, later: SkidEstimate, tick: _Tick) -> SkidEstimate:
+def _step_back(model: SkidModel, later: SkidEstimate, before: SkidEstimate, tick: _Tick) -> SkidEstimate:
     """The smoothed estimate a tick before ``later``."""
-    counted = _before_count(later, tick)
-    before = tick.before
-    parts = skid_transition(model, before, tick.motion)
-    size = len(SKID_STATES)
-    fading = jnp.concatenate([jnp.zeros((size - TURNED - 1, TURNED + 1)), jnp.diag(parts.decay)], axis=1)
-    transition = jnp.concatenate([parts.pose_rows, fading.astype(jnp.float32)])
-    predicted = predict_skid(model, before, tick.motion)
+    transition = skid_transition(model, before, tick.motion)
+    predicted = kalman.predict(before.covariance, transition)
     # A turn that the INS was followed in against the wheels is one that the filter was told, with doubt added.
-    doubt = jnp.where(tick.followed, tick.counted.covariance - predicted.covariance, 0.0)
-    noise = way_noise(model, tick.motion, parts) + jnp.diag(jnp.maximum(jnp.diagonal(doubt), 0.0))
-    mean = jnp.where(tick.followed, tick.counted.mean, predicted.mean)
-    forward = transition @ before.covariance
-    gain = _gain(forward @ transition.T + noise, forward)
-    kept = jnp.eye(size, dtype=jnp.float32) - gain @ transition
-    covariance = kept @ before.covariance @ kept.T + gain @ (noise + counted.covariance) @ gain.T
-    moved = before.mean + gain @ _apart(counted.mean, mean)
-    smoothed = SkidEstimate(jnp.where(IS_YAW, wrap_yaw(moved), moved), 0.5 * (covariance + covariance.T))
-    picked: SkidEstimate = jax.tree.map(lambda one, other: jnp.where(tick.broken, one, other), before, smoothed)
-    return picked
+    doubt = jnp.where(tick.followed, jnp.diagonal(tick.counted.covariance - predicted.covariance), 0.0)
+    transition = transition._replace(
+        mean=jnp.where(tick.followed, tick.counted.mean, transition.mean),
+        noise=transition.noise + jnp.diag(jnp.maximum(doubt, 0.0)),
+    )
+    return kalman.wrapped(kalman.step_back(_before_count(later, tick), before, transition, tick.broken))
 
 
 def _before_count(later: SkidEstimate, tick: _Tick) -> SkidEstimate:
     """The smoothed estimate before the count of the turn started anew: of the count by what the others tell."""
     filtered = tick.counted
     others = filtered.covariance[_OTHERS][:, _OTHERS]
-    row = _gain(others, filtered.covariance[_OTHERS][:, TURNED : TURNED + 1])[0]
+    row = kalman.regression(others, filtered.covariance[_OTHERS][:, TURNED : TURNED + 1])[0]
     told = jnp.zeros((len(SKID_STATES), len(_OTHERS)), jnp.float32)
     told = told.at[_OTHERS, np.arange(len(_OTHERS))].set(1.0).at[TURNED].set(row)
     rest = jnp.maximum(filtered.covariance[TURNED, TURNED] - row @ others @ row, 0.0)
-    mean = filtered.mean + told @ _apart(later.mean, filtered.mean)[_OTHERS]
+    mean = filtered.mean + told @ kalman.apart(later.mean, filtered.mean)[_OTHERS]
     covariance = told @ later.covariance[_OTHERS][:, _OTHERS] @ told.T
     covariance = covariance.at[TURNED, TURNED].add(rest)
     return SkidEstimate(jnp.where(tick.ends, mean, later.mean), jnp.where(tick.ends, covariance, later.covariance))
-
-
-def _gain(covariance: Float[Array, "state state"], crossed: Float[Array, "state part"]) -> Float[Array, "part state"]:
-    """Crossed, divided by a covariance, scaled so that float32 holds microradians beside metres."""
-    sigma = jnp.sqrt(jnp.maximum(jnp.diagonal(covariance), 1e-20))
-    correlation = covariance / (sigma[:, None] * sigma[None, :]) + _RIDGE * jnp.eye(sigma.size, dtype=sigma.dtype)
-    solved: Float[Array, "state part"] = jax.scipy.linalg.solve(correlation, crossed / sigma[:, None], assume_a="pos")
-    return solved.T / sigma[None, :]
-
-
-def _apart(one: Float[Array, " state"], other: Float[Array, " state"]) -> Float[Array, " state"]:
-    apart = one - other
-    return jnp.where(IS_YAW, wrap_yaw(apart), apart)

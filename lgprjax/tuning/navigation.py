@@ -15,7 +15,6 @@ from scipy.ndimage import uniform_filter1d
 
 from lgprjax.navigation.counter_steer_filter import (
     FilterInfo,
-    correct,
     filter_drive,
     gnss_innovation,
     heading_innovation,
@@ -23,9 +22,9 @@ from lgprjax.navigation.counter_steer_filter import (
     lgpr_innovation,
     odometer_innovation,
     predict,
-    weigh,
 )
 from lgprjax.navigation.counter_steer_model import FilterModel, NavEstimate
+from lgprjax.navigation.kalman import correct, weigh
 from lgprjax.navigation.observations import GNSS, HEADING, LGPR, ODOMETER, SOURCES, GateRules, MotionInput, Observations
 from lgprjax.tuning.arcs import serial_memory
 from lgprjax.tuning.robust import Estimate, NotExcitedError, student_95

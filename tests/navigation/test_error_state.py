@@ -27,7 +27,7 @@ from lgprjax.navigation import (
     transition_of,
     update,
 )
-from lgprjax.navigation.counter_steer_filter import weigh
+from lgprjax.navigation.kalman import weigh
 
 STEP_S = 1.0 / 21.0
 f32 = jnp.float32
