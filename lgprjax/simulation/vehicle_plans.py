@@ -13,6 +13,7 @@ from lgprjax.autopilot.modes import Mode
 from lgprjax.config import TableKey, as_table, nearest, refuse_unknown
 from lgprjax.files import load_toml
 from lgprjax.frames import LocalFrame
+from lgprjax.scene.day import WEATHER
 from lgprjax.scene.motion import (
     STEP_S as MOTION_STEP_S,
 )
@@ -145,12 +146,15 @@ class DrivenCourse(NamedTuple):
 
     Attributes:
         path: that was followed; anchor_m: by this point ahead of the rear axle.
+        curvature_radpm: of the path's arcs, ``SPACING_M`` long; offset_m: of the drive's start, to the left of it.
         mode: of the autopilot.
         wanted_mps: speed.
     """
 
     path: CoursePath
     anchor_m: float
+    curvature_radpm: Float[np.ndarray, " arc"]
+    offset_m: float
     mode: Int[np.ndarray, " step"]
     wanted_mps: Float[np.ndarray, " step"]
 
@@ -190,7 +194,8 @@ def drive_course(
     steps = round(max(seconds, 5.0) / MOTION_STEP_S)
     time_s = MOTION_STEP_S * np.arange(steps)
     speed = speed_mps * (1.0 + _VARIES * np.sin(2.0 * np.pi * time_s / _VARIES_S))
-    led = round(lead_in_s / MOTION_STEP_S)
+    # At least a step: the simulated servo begins at the first command, the rollout with straight wheels.
+    led = max(round(lead_in_s / MOTION_STEP_S), 1)
     chassis, servo = chassis_of(vehicle, vehicle.array_x_m), servo_of(vehicle)
     lane = RolloutLane(
         chassis,
@@ -215,7 +220,8 @@ def drive_course(
     command = np.concatenate([np.zeros(led), np.asarray(trace.command_rad, np.float64)[: steps - led]])
     mode = np.where(np.arange(steps) < led, int(Mode.MANUAL), int(Mode.SPEED))
     manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=False)
-    return manoeuvre, DrivenCourse(path, vehicle.array_x_m, mode, np.full(steps, speed_mps))
+    course = DrivenCourse(path, vehicle.array_x_m, curvature, offset_m, mode, np.full(steps, speed_mps))
+    return manoeuvre, course
 
 
 # The drives file: a made-up vehicle, its sensors and the calibration drives that it does, as TOML.
@@ -237,6 +243,7 @@ class PlannedVehicleDrive(NamedTuple):
         fixes: the day on which its fixes are to be as good as; ``None`` for none.
         fix_errors: of that day.
         course: that the autopilot follows; ``None`` in the other manoeuvres.
+        radar: the day of its radar scans, see ``WEATHER``; ``None`` for none.
     """
 
     name: str
@@ -246,12 +253,14 @@ class PlannedVehicleDrive(NamedTuple):
     fixes: str | None = None
     fix_errors: FixErrors | None = None
     course: DrivenCourse | None = None
+    radar: str | None = None
 
 
 class VehiclePlan(NamedTuple):
-    """A drives file read: whose drives, where, which."""
+    """A drives file read: whose drives, where, which; the seed is that of the ground too."""
 
     file: Path
+    seed: int
     vehicle: TrueVehicle
     serial_number: str | None
     frame: LocalFrame
@@ -329,7 +338,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         if drive.name in drives:
             raise where.at("name").refuse("a unique drive name", repr(drive.name))
         drives[drive.name] = drive
-    return VehiclePlan(root.file, vehicle, serial_number, frame, tuple(drives.values()))
+    return VehiclePlan(root.file, seed, vehicle, serial_number, frame, tuple(drives.values()))
 
 
 def true_vehicle(table: dict[str, Any], place: TableKey, array_x_m: float) -> TrueVehicle:
@@ -375,7 +384,7 @@ def _drive(
         raise place.at("manoeuvre").refuse(nearest(str(word), MANOEUVRES, "a manoeuvre"), repr(word))
     kind = MANOEUVRES[word]
     degrees = [f"{key.removesuffix('_rad')}_deg" for key in kind.ranges if key.endswith("_rad")]
-    refuse_unknown(place, table, ["name", "manoeuvre", "sensors", "fixes", *kind.ranges, *degrees])
+    refuse_unknown(place, table, ["name", "manoeuvre", "sensors", "fixes", "radar", *kind.ranges, *degrees])
     numbers = {key: _numbers(place, table, key, limits) for key, limits in kind.ranges.items()}
     for key in kind.needed:
         if numbers[key] is None:
@@ -385,6 +394,12 @@ def _drive(
         raise place.at("brakes").refuse(f"{len(given['throttles'])}, as many as throttles", str(len(given["brakes"])))
     own = _sensors(place.at("sensors"), table.get("sensors", {}), sensors)
     fixes, errors = _fixes(place.at("fixes"), table.get("fixes"))
+    radar = table.get("radar")
+    if radar is not None and (radar not in WEATHER or word != "tracking" or fixes is not None):
+        if radar not in WEATHER:
+            raise place.at("radar").refuse(nearest(str(radar), WEATHER, "a day"), repr(radar))
+        expected = 'radar scans of manoeuvre "tracking" without fixes (lgprjax register makes them)'
+        raise place.at("radar").refuse(expected, "fixes" if fixes is not None else repr(word))
     own_seed = derive_seed(seed, name)
     if word != "tracking":
         manoeuvre = kind.make(vehicle, given)
@@ -393,7 +408,7 @@ def _drive(
     if min(abs(radius) for radius in given["radii_m"]) < _LEAST_RADIUS_M:
         raise place.at("radii_m").refuse(f"bends of {_LEAST_RADIUS_M:g} m or more", f"{given['radii_m']}"[:60])
     manoeuvre, course = drive_course(vehicle, **given)
-    return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors, course)
+    return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors, course, radar)
 
 
 def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:
