@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.autopilot.modes import Mode
+from lgprjax.batch.vehicles import array_of_vehicle
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     DriveDescription,
@@ -18,6 +19,7 @@ from lgprjax.formats import (
     OdometryTrack,
     TraceRecording,
     VehicleLog,
+    read_vehicle,
     write_fixes,
     write_vehicle_log,
 )
@@ -296,8 +298,8 @@ def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, forc
 
 # Radar scans of a drive along a course: the ground lies along it.
 
-_SCAN_HZ, _BLOCK_SCANS = 63.0, 8
-"""Every second scan of a radar of 126 Hz; scans rendered together, within 3 m."""
+_PITCH_M, _SCAN_HZ, _BLOCK_SCANS = 0.127, 63.0, 8
+"""Spacing of the channels; every second scan of a radar of 126 Hz; scans rendered together, within 3 m."""
 _BEYOND_M, _HALF_WIDTH_M = 20.0, 5.0
 """Ground beyond both ends of the course, and to its sides."""
 _BODY = DrivePlan(0.0, 1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radians(0.8)))
@@ -311,10 +313,11 @@ def _write_scans(
     course, day = drive.course, drive.radar
     assert course is not None
     assert day is not None
+    assert plan.stated is not None
     bends = tuple((SPACING_M, float(curvature)) for curvature in course.curvature_radpm)
     length_m, margin_m = len(bends) * SPACING_M, _BEYOND_M + course.anchor_m
     size = {"length_m": length_m + _BEYOND_M, "margin_m": margin_m}
-    array = uniform_array(11, 0.127, x_m=course.anchor_m, height_m=0.3, scan_period_s=1.0 / 126.0)
+    array = uniform_array(11, _PITCH_M, x_m=course.anchor_m, height_m=0.3, scan_period_s=1.0 / 126.0)
     time_s = np.arange(0.0, truth.time_s[-1] - 1.0 / _SCAN_HZ, 1.0 / _SCAN_HZ)
     time_s = time_s[: len(time_s) - len(time_s) % _BLOCK_SCANS]
     radar = LiveRadar(
@@ -327,10 +330,14 @@ def _write_scans(
         seed=drive.seed,
     )
     known = radar.radar
+    # The log says of the array what the crew knows.
+    stated = array_of_vehicle(
+        read_vehicle(plan.stated), plan.stated, channels=len(array.y_m), pitch_m=_PITCH_M, scan_period_s=1.0 / 126.0
+    )
     description = DriveDescription(
         name=log.name,
         t0_utc=log.t0_utc,
-        array=array,
+        array=stated,
         recording=TraceRecording(
             sample_interval_ns=known.sample_step_ns,
             time_zero_ns=known.time_zero_ns,

@@ -257,10 +257,20 @@ class PlannedVehicleDrive(NamedTuple):
 
 
 class VehiclePlan(NamedTuple):
-    """A drives file read: whose drives, where, which; the seed is that of the ground too."""
+    """A drives file read: whose drives, where, which.
+
+    Attributes:
+        file: the drives file.
+        seed: of the file, and of the ground under drives with radar.
+        vehicle: as it is; stated: path of the vehicle file that logs with radar take the array from, as on board.
+        serial_number: of the vehicle.
+        frame: of the drives.
+        drives: in the order of the file.
+    """
 
     file: Path
     seed: int
+    stated: Path | None
     vehicle: TrueVehicle
     serial_number: str | None
     frame: LocalFrame
@@ -311,7 +321,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
     """
     root = TableKey(Path(path))
     table = load_toml(root.file)
-    header = ("kind", "seed", "serial_number", "latitude_deg", "longitude_deg", "height_m")
+    header = ("kind", "seed", "serial_number", "vehicle_file", "latitude_deg", "longitude_deg", "height_m")
     refuse_unknown(root, table, [*header, "vehicle", "sensors", "drive"])
     if table.get("kind") != KIND:
         raise root.at("kind").refuse(repr(KIND), repr(table.get("kind")))
@@ -321,6 +331,10 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
     serial_number = table.get("serial_number")
     if serial_number is not None and not isinstance(serial_number, str):
         raise root.at("serial_number").refuse("a text", repr(serial_number))
+    named = table.get("vehicle_file")
+    if named is not None and not isinstance(named, str):
+        raise root.at("vehicle_file").refuse("the path of a vehicle file", repr(named)[:60])
+    stated = None if named is None else root.file.parent / named
     frame = LocalFrame(
         _number(root, table, "latitude_deg", (-85.0, 85.0), SITE_FRAME.latitude_deg),
         _number(root, table, "longitude_deg", (-180.0, 180.0), SITE_FRAME.longitude_deg),
@@ -337,8 +351,10 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         drive = _drive(where, as_table(where, entry), vehicle, sensors, seed)
         if drive.name in drives:
             raise where.at("name").refuse("a unique drive name", repr(drive.name))
+        if drive.radar is not None and stated is None:
+            raise root.at("vehicle_file").refuse("a vehicle file with [array], for the logs of drives with radar", "none")
         drives[drive.name] = drive
-    return VehiclePlan(root.file, seed, vehicle, serial_number, frame, tuple(drives.values()))
+    return VehiclePlan(root.file, seed, stated, vehicle, serial_number, frame, tuple(drives.values()))
 
 
 def true_vehicle(table: dict[str, Any], place: TableKey, array_x_m: float) -> TrueVehicle:
