@@ -309,7 +309,7 @@ _BODY = DrivePlan(0.0, 1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radian
 def _write_scans(
     plan: VehiclePlan, drive: PlannedVehicleDrive, truth: DriveTruth, log: VehicleLog, path: Path, force: bool
 ) -> None:
-    """Write a log with radar scans, rendered at the true poses. Drives of one file along equal courses share the ground."""
+    """Write a log with scans, rendered at the true poses. Drives of a file along equal courses share the ground."""
     course, day = drive.course, drive.radar
     assert course is not None
     assert day is not None

@@ -43,6 +43,7 @@ from lgprjax.vehicle import (
     RolloutLane,
     RolloutSpec,
     constant_look_ahead,
+    ideal_servo,
     path_from_curvature,
     roll_out_logged,
     start_rollout,
@@ -114,6 +115,11 @@ MANOEUVRES = {
         },
         ("speed_mps", "radii_m", "look_ahead_m"),
     ),
+    "course": ManoeuvreKind(
+        lambda vehicle, numbers: drive_course(vehicle, **numbers, by_hand=True)[0],
+        {"speed_mps": _SPEED_MPS, "radii_m": (-500.0, 500.0)},
+        ("speed_mps", "radii_m"),
+    ),
     "pedal_steps": ManoeuvreKind(
         lambda _, numbers: step_pedals(**numbers),
         {"throttles": _SHARE, "brakes": _SHARE, "back": _SHARE, "hold_s": _HOLD_S},
@@ -129,6 +135,7 @@ def stand_still() -> Manoeuvre:
     return Manoeuvre(nothing, nothing, nothing, nothing, by_hand=True)
 
 
+_ALONG_COURSES = ("tracking", "course")
 LISTS = frozenset(
     {"radii_m", "speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"}
 )
@@ -139,6 +146,8 @@ LISTS = frozenset(
 
 _RAMP_M, _STRAIGHT_M, _BEND_RAD, _LEAST_RADIUS_M = 8.0, 12.0, 1.0, 3.0
 _VARIES, _VARIES_S = 0.1, 17.0
+_HAND_LOOK_AHEAD_M = 2.5
+"""Of a driver who steers by eye."""
 
 
 class DrivenCourse(NamedTuple):
@@ -164,10 +173,11 @@ def drive_course(
     *,
     speed_mps: float,
     radii_m: Sequence[float],
-    look_ahead_m: float,
+    look_ahead_m: float = _HAND_LOOK_AHEAD_M,
     offset_m: float = 0.0,
     lead_in_s: float = 0.0,
     supply_v: float | None = None,
+    by_hand: bool = False,
 ) -> tuple[Manoeuvre, DrivenCourse]:
     """A drive along bends, steered by the pursuit law from an offset.
 
@@ -179,6 +189,7 @@ def drive_course(
         offset_m: where steering is engaged, to the left of the course.
         lead_in_s: driven straight by hand before that, beside the course.
         supply_v: at the servo; the vehicle's nominal one unless given.
+        by_hand: a driver steers, without the servo.
     """
     volts = vehicle.nominal_v if supply_v is None else supply_v
     parts = [np.zeros(round((_STRAIGHT_M + 1.1 * lead_in_s * speed_mps + max(vehicle.array_x_m, 0.0)) / SPACING_M))]
@@ -196,7 +207,7 @@ def drive_course(
     speed = speed_mps * (1.0 + _VARIES * np.sin(2.0 * np.pi * time_s / _VARIES_S))
     # At least a step: the simulated servo begins at the first command, the rollout with straight wheels.
     led = max(round(lead_in_s / MOTION_STEP_S), 1)
-    chassis, servo = chassis_of(vehicle, vehicle.array_x_m), servo_of(vehicle)
+    chassis, servo = chassis_of(vehicle, vehicle.array_x_m), ideal_servo() if by_hand else servo_of(vehicle)
     lane = RolloutLane(
         chassis,
         chassis,
@@ -205,7 +216,7 @@ def drive_course(
         jnp.float32(speed_mps),
         constant_look_ahead(jnp.float32(look_ahead_m)),
     )
-    zero, slots = jnp.float32(0.0), max(int(np.ceil(vehicle.delay_s / MOTION_STEP_S)), 1)
+    zero, slots = jnp.float32(0.0), max(int(np.ceil(float(servo.delay_s) / MOTION_STEP_S)), 1)
     arc = jnp.float32(np.sum(speed[:led]) * MOTION_STEP_S)
     start = start_rollout(path, lane, arc, jnp.float32(offset_m), zero, delay_slots=slots)
     size = -(-(steps - led) // 2048) * 2048
@@ -218,8 +229,8 @@ def drive_course(
     steps = led + int(np.argmax(beyond)) if beyond.any() else steps
     time_s, speed = time_s[:steps], speed[:steps]
     command = np.concatenate([np.zeros(led), np.asarray(trace.command_rad, np.float64)[: steps - led]])
-    mode = np.where(np.arange(steps) < led, int(Mode.MANUAL), int(Mode.SPEED))
-    manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=False)
+    mode = np.where(by_hand | (np.arange(steps) < led), int(Mode.MANUAL), int(Mode.SPEED))
+    manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=by_hand)
     course = DrivenCourse(path, vehicle.array_x_m, curvature, offset_m, mode, np.full(steps, speed_mps))
     return manoeuvre, course
 
@@ -352,7 +363,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         if drive.name in drives:
             raise where.at("name").refuse("a unique drive name", repr(drive.name))
         if drive.radar is not None and stated is None:
-            raise root.at("vehicle_file").refuse("a vehicle file with [array], for the logs of drives with radar", "none")
+            raise root.at("vehicle_file").refuse("a vehicle file with [array], for drives with radar", "none")
         drives[drive.name] = drive
     return VehiclePlan(root.file, seed, stated, vehicle, serial_number, frame, tuple(drives.values()))
 
@@ -411,19 +422,20 @@ def _drive(
     own = _sensors(place.at("sensors"), table.get("sensors", {}), sensors)
     fixes, errors = _fixes(place.at("fixes"), table.get("fixes"))
     radar = table.get("radar")
-    if radar is not None and (radar not in WEATHER or word != "tracking" or fixes is not None):
-        if radar not in WEATHER:
-            raise place.at("radar").refuse(nearest(str(radar), WEATHER, "a day"), repr(radar))
-        expected = 'radar scans of manoeuvre "tracking" without fixes (lgprjax register makes them)'
-        raise place.at("radar").refuse(expected, "fixes" if fixes is not None else repr(word))
+    if radar is not None and radar not in WEATHER:
+        raise place.at("radar").refuse(nearest(str(radar), WEATHER, "a day"), repr(radar))
+    if radar is not None and word not in _ALONG_COURSES:
+        raise place.at("radar").refuse(f"a manoeuvre along a course: {' or '.join(_ALONG_COURSES)}", repr(word))
+    if radar is not None and fixes is not None:
+        raise place.at("fixes").refuse("no fixes of a drive with radar (lgprjax register makes them)", repr(fixes))
     own_seed = derive_seed(seed, name)
-    if word != "tracking":
+    if word not in _ALONG_COURSES:
         manoeuvre = kind.make(vehicle, given)
         manoeuvre = manoeuvre._replace(supply_v=np.full(manoeuvre.time_s.size, vehicle.nominal_v))
         return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors)
     if min(abs(radius) for radius in given["radii_m"]) < _LEAST_RADIUS_M:
         raise place.at("radii_m").refuse(f"bends of {_LEAST_RADIUS_M:g} m or more", f"{given['radii_m']}"[:60])
-    manoeuvre, course = drive_course(vehicle, **given)
+    manoeuvre, course = drive_course(vehicle, **given, by_hand=word == "course")
     return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors, course, radar)
 
 
