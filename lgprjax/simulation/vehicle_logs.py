@@ -298,10 +298,10 @@ def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, forc
 
 # Radar scans of a drive along a course: the ground lies along it.
 
-_PITCH_M, _SCAN_HZ, _BLOCK_SCANS = 0.127, 63.0, 8
-"""Spacing of the channels; every second scan of a radar of 126 Hz; scans rendered together, within 3 m."""
-_BEYOND_M, _HALF_WIDTH_M = 20.0, 5.0
-"""Ground beyond both ends of the course, and to its sides."""
+_PITCH_M, _SCAN_HZ, _BLOCK_SCANS = 0.127, 31.5, 8
+"""Spacing of the channels; every fourth scan of a radar of 126 Hz; scans rendered together, within 3 m."""
+_BEYOND_M, _HALF_WIDTH_M, _GROUND_M = 20.0, 5.0, 250.0
+"""Ground beyond both ends of the course, to its sides, and in one piece: the same under a course that is longer."""
 _BODY = DrivePlan(0.0, 1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radians(0.8)))
 """Motion of a vehicle on its springs, as off road."""
 
@@ -309,14 +309,14 @@ _BODY = DrivePlan(0.0, 1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radian
 def _write_scans(
     plan: VehiclePlan, drive: PlannedVehicleDrive, truth: DriveTruth, log: VehicleLog, path: Path, force: bool
 ) -> None:
-    """Write a log with scans, rendered at the true poses. Drives of a file along equal courses share the ground."""
+    """Write a log with scans rendered at the true poses; drives of a file share the ground where courses agree."""
     course, day = drive.course, drive.radar
     assert course is not None
     assert day is not None
     assert plan.stated is not None
     bends = tuple((SPACING_M, float(curvature)) for curvature in course.curvature_radpm)
-    length_m, margin_m = len(bends) * SPACING_M, _BEYOND_M + course.anchor_m
-    size = {"length_m": length_m + _BEYOND_M, "margin_m": margin_m}
+    pieces = np.ceil((len(bends) * SPACING_M + _BEYOND_M) / _GROUND_M)
+    size = {"length_m": float(pieces) * _GROUND_M, "margin_m": _BEYOND_M + course.anchor_m}
     array = uniform_array(11, _PITCH_M, x_m=course.anchor_m, height_m=0.3, scan_period_s=1.0 / 126.0)
     time_s = np.arange(0.0, truth.time_s[-1] - 1.0 / _SCAN_HZ, 1.0 / _SCAN_HZ)
     time_s = time_s[: len(time_s) - len(time_s) % _BLOCK_SCANS]
