@@ -300,7 +300,7 @@ def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, forc
 
 _PITCH_M, _SCAN_HZ, _BLOCK_SCANS = 0.127, 31.5, 8
 """Spacing of the channels; every fourth scan of a radar of 126 Hz; scans rendered together, within 3 m."""
-_BEYOND_M, _HALF_WIDTH_M, _GROUND_M = 20.0, 5.0, 250.0
+_BEYOND_M, _HALF_WIDTH_M, _GROUND_M = 20.0, 5.0, 1000.0
 """Ground beyond both ends of the course, to its sides, and in one piece: the same under a course that is longer."""
 _BODY = DrivePlan(0.0, 1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radians(0.8)))
 """Motion of a vehicle on its springs, as off road."""
