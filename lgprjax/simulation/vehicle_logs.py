@@ -316,14 +316,18 @@ def _write_scans(
     assert plan.stated is not None
     bends = tuple((SPACING_M, float(curvature)) for curvature in course.curvature_radpm)
     pieces = np.ceil((len(bends) * SPACING_M + _BEYOND_M) / _GROUND_M)
-    size = {"length_m": float(pieces) * _GROUND_M, "margin_m": _BEYOND_M + course.anchor_m}
+    length_m, margin_m = float(pieces) * _GROUND_M, _BEYOND_M + course.anchor_m
+    road = RoadConfig(length_m=length_m, margin_m=margin_m, arcs=bends, transition_m=2.0 * SPACING_M, min_radius_m=1.0)
     array = uniform_array(11, _PITCH_M, x_m=course.anchor_m, height_m=0.3, scan_period_s=1.0 / 126.0)
     time_s = np.arange(0.0, truth.time_s[-1] - 1.0 / _SCAN_HZ, 1.0 / _SCAN_HZ)
     time_s = time_s[: len(time_s) - len(time_s) % _BLOCK_SCANS]
     radar = LiveRadar(
-        make_ground(derive_seed(plan.seed, "ground"), GroundConfig(**size, half_width_m=_HALF_WIDTH_M)),
+        make_ground(
+            derive_seed(plan.seed, "ground"),
+            GroundConfig(length_m=length_m, margin_m=margin_m, half_width_m=_HALF_WIDTH_M),
+        ),
         WEATHER[day](derive_seed(plan.seed, "day", drive.name)),
-        make_road(0, RoadConfig(**size, arcs=bends, transition_m=2.0 * SPACING_M, min_radius_m=1.0)),
+        make_road(0, road),
         array,
         draw_springs(_BODY, drive.seed),
         scans=len(time_s),
