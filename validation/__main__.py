@@ -55,7 +55,7 @@ VALIDATIONS = {
     "notebooks": Validation("every notebook runs from a fresh clone", 15),
     RUNTIME_TYPES: Validation("the test suite with shapes and types of arguments checked at run time", 40),
     "surveys": Validation("every real recording is imported and registered", 15, "LGPRJAX_REAL_DATA"),
-    "vehicles": Validation("identification and look-ahead of hidden vehicles, coverage of intervals", 180),
+    "vehicles": Validation("identification and look-ahead of hidden vehicles, also by radar fixes; intervals", 205),
     "worlds": Validation("thirty independent worlds on their days, full-wave lines, impostors", 240),
 }
 

@@ -20,7 +20,7 @@ class Simulate:
 
     The log stores the true position of every scan as /truth. The same file gives the same drives. lgprjax examples
     copies example sites; docs/scene.md describes the keys and the model. A file of kind "vehicle_drives", such as
-    tuning/drives.toml, gives calibration drives of a vehicle without radar.
+    tuning/drives.toml, gives drives of a vehicle: calibrations, and drives along a course with radar.
     """
 
     site: Annotated[

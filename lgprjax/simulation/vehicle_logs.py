@@ -10,10 +10,27 @@ from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.autopilot.modes import Mode
+from lgprjax.batch.vehicles import array_of_vehicle
 from lgprjax.errors import InputError
-from lgprjax.formats import NavigationTrack, OdometryTrack, VehicleLog, write_fixes, write_vehicle_log
+from lgprjax.formats import (
+    DriveDescription,
+    DriveWriter,
+    NavigationTrack,
+    OdometryTrack,
+    TraceRecording,
+    VehicleLog,
+    read_vehicle,
+    write_fixes,
+    write_vehicle_log,
+)
 from lgprjax.frames import LocalFrame
+from lgprjax.radar import uniform_array
+from lgprjax.scene.day import WEATHER
 from lgprjax.scene.drive import default_array
+from lgprjax.scene.ground import GroundConfig, make_ground
+from lgprjax.scene.live_radar import LiveRadar, draw_springs
+from lgprjax.scene.motion import DrivePlan
+from lgprjax.scene.road import RoadConfig, make_road
 from lgprjax.scene.vehicle_drive import (
     DriveTruth,
     VehicleDrive,
@@ -22,8 +39,10 @@ from lgprjax.scene.vehicle_drive import (
     read_yaw_rate,
     simulate_vehicle_drive,
 )
+from lgprjax.simulation.sites import derive_seed
 from lgprjax.simulation.vehicle_plans import DrivenCourse, PlannedVehicleDrive, VehiclePlan
 from lgprjax.tuning.tracking import beside_path
+from lgprjax.vehicle.path import SPACING_M
 
 
 def _plan_of(course: DrivenCourse, truth: DriveTruth, frame: LocalFrame) -> dict[str, np.ndarray]:
@@ -242,11 +261,16 @@ def write_vehicle_logs(
 
 def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, force: bool) -> None:
     simulated = simulate_vehicle_drive(plan.vehicle, drive.manoeuvre, drive.sensors, drive.seed)
+    frame = plan.frame
+    if drive.course is not None and drive.radar is not None:
+        # A drive begins at the origin of its own metres, beside the course; over ground the course stays where it is.
+        place = (part.item() for part in frame.to_geodetic(np.zeros(1), np.array([drive.course.offset_m]), np.zeros(1)))
+        frame = LocalFrame(*place)
     origin = {"drives": plan.file.name, "seed": drive.seed, "true_vehicle": asdict(plan.vehicle)}
     log = vehicle_log_of(
         drive.name,
         simulated,
-        plan.frame,
+        frame,
         yaw_rate_radps=read_yaw_rate(simulated.truth, drive.sensors, drive.seed),
         serial_number=plan.serial_number,
         provenance=origin,
@@ -254,7 +278,10 @@ def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, forc
     if drive.course is not None and log.vehicle is not None:
         at = np.clip(np.searchsorted(simulated.truth.time_s, simulated.signals.time_s), 0, len(drive.course.mode) - 1)
         signals = {**log.vehicle, "mode": drive.course.mode[at].astype(np.int8)}
-        log = replace(log, vehicle=signals, plan=_plan_of(drive.course, simulated.truth, plan.frame))
+        log = replace(log, vehicle=signals, plan=_plan_of(drive.course, simulated.truth, frame))
+    if drive.course is not None and drive.radar is not None:
+        _write_scans(plan, drive, simulated.truth, log, path, force)
+        return
     write_vehicle_log(path, log, force=force)
     if drive.fix_errors is None:
         return
@@ -267,6 +294,83 @@ def _write_drive(plan: VehiclePlan, drive: PlannedVehicleDrive, path: Path, forc
     )
     origin["fixes"] = f"drawn from the error model of a {drive.fixes} day, without ground or radar"
     write_vehicle_fixes(path.parent, drive.name, fixes, plan.frame, t0_utc=_T0_UTC, provenance=origin, force=force)
+
+
+# Radar scans of a drive along a course: the ground lies along it.
+
+_PITCH_M, _SCAN_HZ, _BLOCK_SCANS = 0.127, 31.5, 8
+"""Spacing of the channels; every fourth scan of a radar of 126 Hz; scans rendered together, within 3 m."""
+_BEYOND_M, _HALF_WIDTH_M, _GROUND_M = 20.0, 5.0, 1000.0
+"""Ground beyond both ends of the course, to its sides, and in one piece: the same under a course that is longer."""
+_BODY = DrivePlan(0.0, 1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radians(0.8)))
+"""Motion of a vehicle on its springs, as off road."""
+
+
+def _write_scans(
+    plan: VehiclePlan, drive: PlannedVehicleDrive, truth: DriveTruth, log: VehicleLog, path: Path, force: bool
+) -> None:
+    """Write a log with scans rendered at the true poses; drives of a file share the ground where courses agree."""
+    course, day = drive.course, drive.radar
+    assert course is not None
+    assert day is not None
+    assert plan.stated is not None
+    bends = tuple((SPACING_M, float(curvature)) for curvature in course.curvature_radpm)
+    pieces = np.ceil((len(bends) * SPACING_M + _BEYOND_M) / _GROUND_M)
+    length_m, margin_m = float(pieces) * _GROUND_M, _BEYOND_M + course.anchor_m
+    road = RoadConfig(length_m=length_m, margin_m=margin_m, arcs=bends, transition_m=2.0 * SPACING_M, min_radius_m=1.0)
+    array = uniform_array(11, _PITCH_M, x_m=course.anchor_m, height_m=0.3, scan_period_s=1.0 / 126.0)
+    time_s = np.arange(0.0, truth.time_s[-1] - 1.0 / _SCAN_HZ, 1.0 / _SCAN_HZ)
+    time_s = time_s[: len(time_s) - len(time_s) % _BLOCK_SCANS]
+    radar = LiveRadar(
+        make_ground(
+            derive_seed(plan.seed, "ground"),
+            GroundConfig(length_m=length_m, margin_m=margin_m, half_width_m=_HALF_WIDTH_M),
+        ),
+        WEATHER[day](derive_seed(plan.seed, "day", drive.name)),
+        make_road(0, road),
+        array,
+        draw_springs(_BODY, drive.seed),
+        scans=len(time_s),
+        seed=drive.seed,
+    )
+    known = radar.radar
+    # The log says of the array what the crew knows.
+    stated = array_of_vehicle(
+        read_vehicle(plan.stated), plan.stated, channels=len(array.y_m), pitch_m=_PITCH_M, scan_period_s=1.0 / 126.0
+    )
+    description = DriveDescription(
+        name=log.name,
+        t0_utc=log.t0_utc,
+        array=stated,
+        recording=TraceRecording(
+            sample_interval_ns=known.sample_step_ns,
+            time_zero_ns=known.time_zero_ns,
+            zero_level=128.0,
+            centre_frequency_hz=0.5e6 * (known.band_mhz[0] + known.band_mhz[1]),
+            samples=known.samples,
+        ),
+        navigation=log.navigation,
+        odometry=log.odometry,
+        truth=log.truth,
+        vehicle=log.vehicle,
+        provenance={**log.provenance, "day": day},
+        serial_number=log.serial_number,
+        plan=log.plan,
+    )
+    # The course's start, which is beside the array when the drive begins, is the road's.
+    poses = (truth.east_m - course.anchor_m, truth.north_m + course.offset_m, truth.yaw_rad)
+    instants = time_s[:, None] + array.time_offset_s[None]
+    place = np.stack([np.interp(instants, truth.time_s, column) for column in poses], axis=-1)
+    along_m = np.interp(time_s, truth.time_s, truth.travel_m)
+    with DriveWriter.create(path, description, channels=len(array.y_m), dtype=np.uint8, force=force) as writer:
+        for first in range(0, len(time_s), _BLOCK_SCANS):
+            span = slice(first, first + _BLOCK_SCANS)
+            try:
+                scans = radar.record(first, place[span], float(along_m[first]))
+            except ValueError as error:
+                expected = f"a drive over the ground, {_HALF_WIDTH_M:g} m to each side of its course"
+                raise InputError(plan.file, f"drive {drive.name}", expected, str(error)) from None
+            writer.append(time_s[span][scans.received], scans.recorded[scans.received])
 
 
 def _track(

@@ -13,6 +13,7 @@ from lgprjax.autopilot.modes import Mode
 from lgprjax.config import TableKey, as_table, nearest, refuse_unknown
 from lgprjax.files import load_toml
 from lgprjax.frames import LocalFrame
+from lgprjax.scene.day import WEATHER
 from lgprjax.scene.motion import (
     STEP_S as MOTION_STEP_S,
 )
@@ -42,6 +43,7 @@ from lgprjax.vehicle import (
     RolloutLane,
     RolloutSpec,
     constant_look_ahead,
+    ideal_servo,
     path_from_curvature,
     roll_out_logged,
     start_rollout,
@@ -113,6 +115,11 @@ MANOEUVRES = {
         },
         ("speed_mps", "radii_m", "look_ahead_m"),
     ),
+    "course": ManoeuvreKind(
+        lambda vehicle, numbers: drive_course(vehicle, **numbers, by_hand=True)[0],
+        {"speed_mps": _SPEED_MPS, "radii_m": (-500.0, 500.0)},
+        ("speed_mps", "radii_m"),
+    ),
     "pedal_steps": ManoeuvreKind(
         lambda _, numbers: step_pedals(**numbers),
         {"throttles": _SHARE, "brakes": _SHARE, "back": _SHARE, "hold_s": _HOLD_S},
@@ -128,6 +135,7 @@ def stand_still() -> Manoeuvre:
     return Manoeuvre(nothing, nothing, nothing, nothing, by_hand=True)
 
 
+_ALONG_COURSES = ("tracking", "course")
 LISTS = frozenset(
     {"radii_m", "speeds_mps", "angles_rad", "angles_deg", "sizes_rad", "sizes_deg", "throttles", "brakes"}
 )
@@ -138,6 +146,8 @@ LISTS = frozenset(
 
 _RAMP_M, _STRAIGHT_M, _BEND_RAD, _LEAST_RADIUS_M = 8.0, 12.0, 1.0, 3.0
 _VARIES, _VARIES_S = 0.1, 17.0
+_HAND_LOOK_AHEAD_M = 2.5
+"""Of a driver who steers by eye."""
 
 
 class DrivenCourse(NamedTuple):
@@ -146,12 +156,16 @@ class DrivenCourse(NamedTuple):
     Attributes:
         path: path of the course.
         anchor_m: distance ahead of the rear axle of the point that follows the path.
+        curvature_radpm: curvature of the path's arcs, each ``SPACING_M`` long.
+        offset_m: offset of the drive's start, to the left of the path.
         mode: mode of the autopilot.
         wanted_mps: commanded speed.
     """
 
     path: CoursePath
     anchor_m: float
+    curvature_radpm: Float[np.ndarray, " arc"]
+    offset_m: float
     mode: Int[np.ndarray, " step"]
     wanted_mps: Float[np.ndarray, " step"]
 
@@ -161,10 +175,11 @@ def drive_course(
     *,
     speed_mps: float,
     radii_m: Sequence[float],
-    look_ahead_m: float,
+    look_ahead_m: float = _HAND_LOOK_AHEAD_M,
     offset_m: float = 0.0,
     lead_in_s: float = 0.0,
     supply_v: float | None = None,
+    by_hand: bool = False,
 ) -> tuple[Manoeuvre, DrivenCourse]:
     """A drive along bends, steered by the pursuit law from an offset.
 
@@ -176,6 +191,7 @@ def drive_course(
         offset_m: offset to the left of the course at which steering is engaged.
         lead_in_s: time of straight driving by hand before that, parallel to the course.
         supply_v: supply voltage at the servo; ``None``: the vehicle's nominal voltage.
+        by_hand: a driver steers, without the servo.
     """
     volts = vehicle.nominal_v if supply_v is None else supply_v
     parts = [np.zeros(round((_STRAIGHT_M + 1.1 * lead_in_s * speed_mps + max(vehicle.array_x_m, 0.0)) / SPACING_M))]
@@ -191,8 +207,9 @@ def drive_course(
     steps = round(max(seconds, 5.0) / MOTION_STEP_S)
     time_s = MOTION_STEP_S * np.arange(steps)
     speed = speed_mps * (1.0 + _VARIES * np.sin(2.0 * np.pi * time_s / _VARIES_S))
-    led = round(lead_in_s / MOTION_STEP_S)
-    chassis, servo = chassis_of(vehicle, vehicle.array_x_m), servo_of(vehicle)
+    # At least a step: the simulated servo begins at the first command, the rollout with straight wheels.
+    led = max(round(lead_in_s / MOTION_STEP_S), 1)
+    chassis, servo = chassis_of(vehicle, vehicle.array_x_m), ideal_servo() if by_hand else servo_of(vehicle)
     lane = RolloutLane(
         chassis,
         chassis,
@@ -201,7 +218,7 @@ def drive_course(
         jnp.float32(speed_mps),
         constant_look_ahead(jnp.float32(look_ahead_m)),
     )
-    zero, slots = jnp.float32(0.0), max(int(np.ceil(vehicle.delay_s / MOTION_STEP_S)), 1)
+    zero, slots = jnp.float32(0.0), max(int(np.ceil(float(servo.delay_s) / MOTION_STEP_S)), 1)
     arc = jnp.float32(np.sum(speed[:led]) * MOTION_STEP_S)
     start = start_rollout(path, lane, arc, jnp.float32(offset_m), zero, delay_slots=slots)
     size = -(-(steps - led) // 2048) * 2048
@@ -214,9 +231,10 @@ def drive_course(
     steps = led + int(np.argmax(beyond)) if beyond.any() else steps
     time_s, speed = time_s[:steps], speed[:steps]
     command = np.concatenate([np.zeros(led), np.asarray(trace.command_rad, np.float64)[: steps - led]])
-    mode = np.where(np.arange(steps) < led, int(Mode.MANUAL), int(Mode.SPEED))
-    manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=False)
-    return manoeuvre, DrivenCourse(path, vehicle.array_x_m, mode, np.full(steps, speed_mps))
+    mode = np.where(by_hand | (np.arange(steps) < led), int(Mode.MANUAL), int(Mode.SPEED))
+    manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=by_hand)
+    course = DrivenCourse(path, vehicle.array_x_m, curvature, offset_m, mode, np.full(steps, speed_mps))
+    return manoeuvre, course
 
 
 # The drives file: a made-up vehicle, its sensors and the calibration drives that it does, as TOML.
@@ -238,6 +256,7 @@ class PlannedVehicleDrive(NamedTuple):
         fixes: name of the day whose fix errors apply; ``None``: no fixes.
         fix_errors: fix errors of that day.
         course: course that the autopilot follows; ``None`` in the other manoeuvres.
+        radar: name of the day of the radar scans, see ``WEATHER``; ``None``: no scans.
     """
 
     name: str
@@ -247,12 +266,24 @@ class PlannedVehicleDrive(NamedTuple):
     fixes: str | None = None
     fix_errors: FixErrors | None = None
     course: DrivenCourse | None = None
+    radar: str | None = None
 
 
 class VehiclePlan(NamedTuple):
-    """A drives file read: whose drives, where, which."""
+    """A drives file read: whose drives, where, which.
+
+    Attributes:
+        file: the drives file.
+        seed: of the file, and of the ground under drives with radar.
+        vehicle: as it is; stated: path of the vehicle file that logs with radar take the array from, as on board.
+        serial_number: of the vehicle.
+        frame: of the drives.
+        drives: in the order of the file.
+    """
 
     file: Path
+    seed: int
+    stated: Path | None
     vehicle: TrueVehicle
     serial_number: str | None
     frame: LocalFrame
@@ -303,7 +334,7 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
     """
     root = TableKey(Path(path))
     table = load_toml(root.file)
-    header = ("kind", "seed", "serial_number", "latitude_deg", "longitude_deg", "height_m")
+    header = ("kind", "seed", "serial_number", "vehicle_file", "latitude_deg", "longitude_deg", "height_m")
     refuse_unknown(root, table, [*header, "vehicle", "sensors", "drive"])
     if table.get("kind") != KIND:
         raise root.at("kind").refuse(repr(KIND), repr(table.get("kind")))
@@ -313,6 +344,10 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
     serial_number = table.get("serial_number")
     if serial_number is not None and not isinstance(serial_number, str):
         raise root.at("serial_number").refuse("a text", repr(serial_number))
+    named = table.get("vehicle_file")
+    if named is not None and not isinstance(named, str):
+        raise root.at("vehicle_file").refuse("the path of a vehicle file", repr(named)[:60])
+    stated = None if named is None else root.file.parent / named
     frame = LocalFrame(
         _number(root, table, "latitude_deg", (-85.0, 85.0), SITE_FRAME.latitude_deg),
         _number(root, table, "longitude_deg", (-180.0, 180.0), SITE_FRAME.longitude_deg),
@@ -329,8 +364,10 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         drive = _drive(where, as_table(where, entry), vehicle, sensors, seed)
         if drive.name in drives:
             raise where.at("name").refuse("a unique drive name", repr(drive.name))
+        if drive.radar is not None and stated is None:
+            raise root.at("vehicle_file").refuse("a vehicle file with [array], for drives with radar", "none")
         drives[drive.name] = drive
-    return VehiclePlan(root.file, vehicle, serial_number, frame, tuple(drives.values()))
+    return VehiclePlan(root.file, seed, stated, vehicle, serial_number, frame, tuple(drives.values()))
 
 
 def true_vehicle(table: dict[str, Any], place: TableKey, array_x_m: float) -> TrueVehicle:
@@ -376,7 +413,7 @@ def _drive(
         raise place.at("manoeuvre").refuse(nearest(str(word), MANOEUVRES, "a manoeuvre"), repr(word))
     kind = MANOEUVRES[word]
     degrees = [f"{key.removesuffix('_rad')}_deg" for key in kind.ranges if key.endswith("_rad")]
-    refuse_unknown(place, table, ["name", "manoeuvre", "sensors", "fixes", *kind.ranges, *degrees])
+    refuse_unknown(place, table, ["name", "manoeuvre", "sensors", "fixes", "radar", *kind.ranges, *degrees])
     numbers = {key: _numbers(place, table, key, limits) for key, limits in kind.ranges.items()}
     for key in kind.needed:
         if numbers[key] is None:
@@ -386,15 +423,22 @@ def _drive(
         raise place.at("brakes").refuse(f"{len(given['throttles'])}, as many as throttles", str(len(given["brakes"])))
     own = _sensors(place.at("sensors"), table.get("sensors", {}), sensors)
     fixes, errors = _fixes(place.at("fixes"), table.get("fixes"))
+    radar = table.get("radar")
+    if radar is not None and radar not in WEATHER:
+        raise place.at("radar").refuse(nearest(str(radar), WEATHER, "a day"), repr(radar))
+    if radar is not None and word not in _ALONG_COURSES:
+        raise place.at("radar").refuse(f"a manoeuvre along a course: {' or '.join(_ALONG_COURSES)}", repr(word))
+    if radar is not None and fixes is not None:
+        raise place.at("fixes").refuse("no fixes of a drive with radar (lgprjax register makes them)", repr(fixes))
     own_seed = derive_seed(seed, name)
-    if word != "tracking":
+    if word not in _ALONG_COURSES:
         manoeuvre = kind.make(vehicle, given)
         manoeuvre = manoeuvre._replace(supply_v=np.full(manoeuvre.time_s.size, vehicle.nominal_v))
         return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors)
     if min(abs(radius) for radius in given["radii_m"]) < _LEAST_RADIUS_M:
         raise place.at("radii_m").refuse(f"bends of {_LEAST_RADIUS_M:g} m or more", f"{given['radii_m']}"[:60])
-    manoeuvre, course = drive_course(vehicle, **given)
-    return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors, course)
+    manoeuvre, course = drive_course(vehicle, **given, by_hand=word == "course")
+    return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors, course, radar)
 
 
 def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:

@@ -27,7 +27,7 @@ from lgprjax.navigation import (
 )
 from lgprjax.registration import Code
 from lgprjax.run_records import FIX, RecordKind
-from lgprjax.studies.logs import Task
+from lgprjax.studies.logs import Task, fixes_beside, require_fixes
 from lgprjax.studies.navigation import TickedDrive, stack_drives, tick_drive
 from lgprjax.tuning.loop import LANES, PADDING, STEP_S, LoopLogs
 from lgprjax.tuning.navigation import NavigationDrives, filter_drives
@@ -114,11 +114,8 @@ def loop_drive(task: Task, path: FilePath, *, fixes: bool) -> LoopDrive:
     if log.vehicle is None:
         raise InputError(path, "/vehicle", "vehicle signals", "none")
     ticked = None
-    beside = path.with_name(path.name.removesuffix(".drive.h5") + ".fixes.h5")
-    if beside.is_file():
-        ticked = tick_drive(log, path, beside, tick_s=TICK_S, odometer_sigma_m=_ODOMETER_SIGMA_M)
-    elif fixes:
-        raise InputError(beside, "file", f"the fixes of {path.name} (lgprjax register writes them)", "none")
+    if fixes or fixes_beside(path).is_file():
+        ticked = tick_drive(log, path, require_fixes(path), tick_s=TICK_S, odometer_sigma_m=_ODOMETER_SIGMA_M)
     return _of_log(task.vehicle, path, log, ticked)
 
 

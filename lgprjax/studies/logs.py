@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Bool, Float
 
 from lgprjax.batch.vehicles import chassis_of
 from lgprjax.config import Table, TableKey, fill_table
 from lgprjax.errors import InputError
-from lgprjax.formats import NavigationTrack, Study, VehicleFile, VehicleLog, with_values
-from lgprjax.frames import LocalFrame
+from lgprjax.formats import NavigationTrack, Study, VehicleFile, VehicleLog, read_fixes, with_values
+from lgprjax.formats.fixes import read_fix_poses
+from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.studies.needs import SIGNAL_NAMES, Contradiction
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
 from lgprjax.vehicle import Chassis
@@ -21,21 +23,59 @@ from lgprjax.vehicle import Chassis
 
 # A sensor silent for longer than this many of its usual steps has a gap, which is not interpolated.
 _GAP_STEPS = 3.0
+_FIXES_HZ = 10.0
 
 
-def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
-    """Signals at the records of the vehicle, without records outside the odometry's time or in a gap of it.
+def fixes_beside(path: Path) -> Path:
+    """Path of the fixes of a drive log: ``X.fixes.h5`` next to ``X.drive.h5``."""
+    return path.with_name(path.name.removesuffix(".drive.h5") + ".fixes.h5")
 
-    Each position of the navigation is given to one record, the nearest, moved to its time between neighbours: a value
-    interpolated at every record would repeat the noise of one fix many times. Records without a position of their own,
-    and those next to a gap, hold NaN. Metres are relative to the first position.
+
+def require_fixes(path: Path) -> Path:
+    """Path of the fixes of a drive log.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    fixes = fixes_beside(path)
+    if not fixes.is_file():
+        expected = f"the fixes of {path.name} in its folder (lgprjax register MAP {path.name} -o {path.parent})"
+        raise InputError(fixes, "file", expected, "none")
+    return fixes
+
+
+def read_causal_fixes(path: Path) -> tuple[pd.DataFrame, Float[np.ndarray, "scan 5 5"]]:
+    """Fixes as ``register`` writes them, and their covariances.
+
+    Raises:
+        InputError: the file cannot be read, has no covariances, or its fixes are smoothed.
+    """
+    table, (_, spread) = read_fixes(path), read_fix_poses(path)
+    if spread is None:
+        raise InputError(path, "/covariance", "fix covariances", "none")
+    if "smoothed" in table and table["smoothed"].any():
+        raise InputError(path, "smoothed", "fixes from earlier scans alone (register --causal), as on board", "1")
+    return table, spread
+
+
+def signals_of(
+    log: VehicleLog, path: str = "drive log", *, fixes: Path | None = None, array_x_m: float = 0.0
+) -> DriveSignals:
+    """Signals at the records of the vehicle, without those outside the odometry's time or in a gap of it.
+
+    Each position is given to one record, the nearest, moved to its time between neighbours: a value interpolated at
+    every record would repeat the noise of one position many times. Records without a position of their own, and those
+    next to a gap, hold NaN. Metres are relative to the first position of the navigation.
 
     Args:
         log: drive log.
         path: path of the log, for error messages.
+        fixes: ``X.fixes.h5``, whose positions replace those of the navigation; headings stay those of the navigation.
+        array_x_m: centre of the array ahead of the rear axle, which fixes refer to.
 
     Raises:
-        InputError: the log holds no signals of the vehicle, or none while navigation and odometry were available.
+        InputError: the log holds no signals of the vehicle, or none while navigation and odometry were available; the
+            fixes cannot be used.
     """
     if log.vehicle is None:
         raise InputError(path, "/vehicle", "vehicle signals", "none")
@@ -48,21 +88,59 @@ def signals_of(log: VehicleLog, path: str = "drive log") -> DriveSignals:
     frame = LocalFrame(*(float(values[0]) for values in (track.latitude_deg, track.longitude_deg, track.height_m)))
     east_m, north_m, _ = frame.to_local(track.latitude_deg, track.longitude_deg, track.height_m)
     yaw_rad = np.unwrap(frame.yaw_of_heading(track.heading_deg, track.longitude_deg))
-    owned = _own_fix(track.time_s, time_s)
+    placed_s, sigma_m = track.time_s, _position_sigma_m(track)
+    owned = _own_fix(placed_s, time_s)
+    if fixes is not None:
+        placed_s, (east_m, north_m), sigma_m = _axle_by_fixes(fixes, frame, (track.time_s, yaw_rad), array_x_m)
+        owned = _own_fix(placed_s, time_s) & ~_in_gap(track.time_s, time_s)
     optional = {
         signal: None if name not in log.vehicle else np.asarray(log.vehicle[name], np.float64)[covered]
         for signal, name in SIGNAL_NAMES.items()
     }
     return DriveSignals(
         time_s=time_s,
-        east_m=np.where(owned, np.interp(time_s, track.time_s, east_m), np.nan),
-        north_m=np.where(owned, np.interp(time_s, track.time_s, north_m), np.nan),
-        sigma_position_m=np.interp(time_s, track.time_s, _position_sigma_m(track)),
+        east_m=np.where(owned, np.interp(time_s, placed_s, east_m), np.nan),
+        north_m=np.where(owned, np.interp(time_s, placed_s, north_m), np.nan),
+        sigma_position_m=np.interp(time_s, placed_s, sigma_m),
         yaw_rad=np.where(owned, np.interp(time_s, track.time_s, yaw_rad), np.nan),
         sigma_yaw_rad=np.interp(time_s, track.time_s, np.radians(_sigma(track.sigma_heading_deg, track))),
         travel_m=np.interp(time_s, log.odometry.time_s, log.odometry.distance_m),
         **optional,
     )
+
+
+def _axle_by_fixes(
+    path: Path,
+    frame: LocalFrame,
+    heading: tuple[Float[np.ndarray, " navigation"], Float[np.ndarray, " navigation"]],
+    array_x_m: float,
+) -> tuple[Float[np.ndarray, " fix"], Float[np.ndarray, "2 fix"], Float[np.ndarray, " fix"]]:
+    """Times, places of the rear axle and sigmas, ten a second at most: the fixes of neighbouring scans share theirs.
+
+    Args:
+        path: of the fixes.
+        frame: of the places.
+        heading: times and yaw of the navigation. Headings of fixes follow the turn centre that the log states, and with
+            it the rear ratio that is sought.
+        array_x_m: centre of the array ahead of the rear axle.
+
+    Raises:
+        InputError: the fixes cannot be used, or fewer than two are ``ok``.
+    """
+    table, spread = read_causal_fixes(path)
+    time_s = table["time_s"].to_numpy()
+    good = (table["code"].to_numpy() == "ok") & np.isfinite(spread[:, :2, :2]).all(axis=(1, 2))
+    good &= (time_s >= heading[0][0]) & (time_s <= heading[0][-1])
+    _, first = np.unique(np.floor(time_s[good] * _FIXES_HZ), return_index=True)
+    rows = np.flatnonzero(good)[first]
+    if len(rows) < 2:
+        raise InputError(path, "code", "two ok fixes or more within the time of the navigation", str(len(rows)))
+    chosen = table.iloc[rows]
+    columns = (chosen[name].to_numpy() for name in ("latitude_deg", "longitude_deg", "height_m"))
+    east_m, north_m, _ = frame.to_local(*columns)
+    yaw = np.interp(time_s[rows], *heading)
+    axle_m = body_to_local(east_m, north_m, yaw, -array_x_m, 0.0)
+    return time_s[rows], np.stack(axle_m), np.sqrt(0.5 * np.trace(spread[rows, :2, :2], axis1=1, axis2=2))
 
 
 def _position_sigma_m(track: NavigationTrack) -> Float[np.ndarray, " navigation"]:
@@ -95,10 +173,11 @@ def _own_fix(fix_s: Float[np.ndarray, " fix"], time_s: Float[np.ndarray, " recor
 
 
 class LoggedDrive(NamedTuple):
-    """A drive and its file."""
+    """A drive and its file; ``by_fixes``: its positions are fixes of the radar."""
 
     path: Path
     signals: DriveSignals
+    by_fixes: bool = False
 
 
 class Task(NamedTuple):

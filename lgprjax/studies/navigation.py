@@ -12,8 +12,7 @@ from pydantic import Field
 from lgprjax.batch.vehicles import filter_model_of
 from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
-from lgprjax.formats import NavigationTrack, VehicleLog, read_fixes
-from lgprjax.formats.fixes import read_fix_poses
+from lgprjax.formats import NavigationTrack, VehicleLog
 from lgprjax.frames import LocalFrame
 from lgprjax.navigation import (
     SOURCES,
@@ -34,7 +33,17 @@ from lgprjax.navigation import (
     step_switch,
     switch_settings,
 )
-from lgprjax.studies.logs import Figure, LoggedDrive, Outcome, Task, fitting, options_of, rms
+from lgprjax.studies.logs import (
+    Figure,
+    LoggedDrive,
+    Outcome,
+    Task,
+    fitting,
+    options_of,
+    read_causal_fixes,
+    require_fixes,
+    rms,
+)
 from lgprjax.studies.needs import Contradiction
 from lgprjax.tuning.navigation import FusionFit, NavigationDrives, filter_drives, fit_fusion, mean_nis
 from lgprjax.vehicle import VehiclePose
@@ -189,11 +198,7 @@ def _fixes(
     values, age, p_false = np.zeros((size, 3)), np.zeros(size), np.full(size, np.nan)
     covariance, valid = np.tile(np.eye(3), (size, 1, 1)), np.zeros(size, bool)
     if path is not None:
-        table, (_, spread) = read_fixes(path), read_fix_poses(path)
-        if spread is None:
-            raise InputError(path, "/covariance", "fix covariances", "none")
-        if "smoothed" in table and table["smoothed"].any():
-            raise InputError(path, "smoothed", "fixes from earlier scans alone (register --causal), as on board", "1")
+        table, spread = read_causal_fixes(path)
         ticks, row = _last_in_tick(table["time_s"].to_numpy(), edges_s)
         ok = table["code"].to_numpy()[row] == "ok"
         # Older files lack the column and say only which matches were accepted.
@@ -315,10 +320,7 @@ def _one_lane(info: FilterInfo) -> FilterInfo:
 
 
 def _ticked(drive: LoggedDrive, tick_s: float, odometer_m: float) -> TickedDrive:
-    fixes = drive.path.with_name(drive.path.name.removesuffix(".drive.h5") + ".fixes.h5")
-    if not fixes.is_file():
-        raise InputError(fixes, "file", f"the fixes of {drive.path.name} (lgprjax register writes them)", "none")
-    log = VehicleLog.open(drive.path)
+    fixes, log = require_fixes(drive.path), VehicleLog.open(drive.path)
     return tick_drive(log, drive.path, fixes, tick_s=tick_s, odometer_sigma_m=odometer_m)
 
 

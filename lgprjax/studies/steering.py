@@ -24,6 +24,7 @@ from lgprjax.studies.logs import (
     chassis_without_anchor,
     fitting,
     fixed_records,
+    fixes_beside,
     front_angles,
     one_drive,
     options_of,
@@ -551,6 +552,9 @@ def run_study(study: Study) -> FinishedStudy:
     drives = _read_logs(study, vehicle, study.logs, "logs")
     judges = _read_logs(study, vehicle, study.held_out, "held_out")
     outcome = _RUN[study.kind](Task(study, vehicle, drives, judges))
+    by_fixes = [drive.path.name for drive in (*drives, *judges) if drive.by_fixes]
+    if by_fixes:
+        outcome = outcome._replace(notes=(*outcome.notes, f"positions of {', '.join(by_fixes)}: radar fixes"))
     require_precision(study.kind, study.logs[0] if study.logs else study.file, outcome.found)
     for one in outcome.contradictions:
         raise InputError(one.path, f"{one.what}, held out", one.expected, f"{one.found}; no vehicle file is written")
@@ -560,6 +564,10 @@ def run_study(study: Study) -> FinishedStudy:
     for path, estimates in outcome.found.items():
         values[path], found[path] = _as_found(estimates, study.name, logs)
     return FinishedStudy(study, outcome, with_values(vehicle, values, found))
+
+
+_BY_PLACES = ("straight", "wheel_angle", "rear_ratio", "yaw_gain")
+"""Kinds that fit lines and arcs to positions: fixes next to a log come before the positions of its navigation."""
 
 
 def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: str) -> tuple[LoggedDrive, ...]:
@@ -573,11 +581,16 @@ def _read_logs(study: Study, vehicle: VehicleFile, paths: Sequence[Path], key: s
             raise InputError(path, study.kind, f"a drive log: {NEEDS[study.kind].drive}", "the folder of a run")
         log = VehicleLog.open(path)
         require_serial_number(vehicle, study.vehicle, log.serial_number, path, "/vehicle@serial_number")
-        signals = signals_of(log, str(path))
+        fixes, array_x_m = None, vehicle.array.x_m
+        if study.kind in _BY_PLACES and fixes_beside(path).is_file():
+            fixes = fixes_beside(path)
+            if array_x_m is None:
+                raise InputError(study.vehicle, "array.x_m", f"the place of the array, for {fixes.name}", "none")
+        signals = signals_of(log, str(path), fixes=fixes, array_x_m=array_x_m or 0.0)
         # A map of rear angles needs measured angles, not a drive.
         by_map = study.kind == "rear_ratio" and study.options.get("method") == "rear_map"
         require_excitation("rear_map" if by_map else study.kind, path, signals)
-        drives.append(LoggedDrive(path, signals))
+        drives.append(LoggedDrive(path, signals, fixes is not None))
     return tuple(drives)
 
 

@@ -100,7 +100,10 @@ def tracked(task: Task, drive: LoopDrive, places: SmoothedDrive, reference: str,
         InputError: there are too few fixes, or the path is unknown.
     """
     if places.fixes < _LEAST_FIXES:
-        raise InputError(drive.path, "fixes", f"{_LEAST_FIXES} fixes or more accepted by the filter", str(places.fixes))
+        assert drive.ticked is not None
+        offered = int(np.asarray(drive.ticked.drive.observations.lgpr.valid).sum())
+        expected = f"{_LEAST_FIXES} or more that agree with GNSS (navigation.gnss_error_sigma_m of the vehicle file)"
+        raise InputError(drive.path, "fixes", expected, f"{places.fixes} of {offered}")
     engaged = drive.engaged[np.clip(np.searchsorted(drive.time_s, places.time_s), 0, len(drive.time_s) - 1)]
     path = _reference(task, drive, reference) if reference else plan_path(drive, places, anchor_m)
     return beside_path(

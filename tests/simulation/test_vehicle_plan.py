@@ -26,6 +26,8 @@ length_m = 90
 speed_mps = 3
 weave_deg = 0.5
 """
+_STANDING = 'manoeuvre = "standing"\npause_s = 1.5'
+_COURSE = 'manoeuvre = "course"\nspeed_mps = 3.0\nradii_m = [20.0]\n'
 
 
 @pytest.mark.parametrize(
@@ -48,6 +50,11 @@ weave_deg = 0.5
         ("[vehicle]", "[sensors]\nfix_hz = 30.0\n[vehicle]", "sensors.fix_hz", ["100", "30"]),
         ("pause_s = 1.5", 'fixes = "hail"', "drive[1].fixes", ["hail"]),
         ("pause_s = 1.5", "fixes = true", "drive[1].fixes", ["True"]),
+        ("pause_s = 1.5", 'radar = "hail"', "drive[1].radar", ["hail"]),
+        ("pause_s = 1.5", 'radar = "snow"', "drive[1].radar", ["tracking", "course", "standing"]),
+        (_STANDING, _COURSE + 'radar = "snow"\nfixes = "clear"', "drive[1].fixes", ["register", "clear"]),
+        (_STANDING, _COURSE + 'radar = "snow"', "vehicle_file", ["array"]),
+        ("seed = 3", "seed = 3\nvehicle_file = 3", "vehicle_file", ["3"]),
     ],
 )
 def test_what_is_wrong_is_told_by_its_key(tmp_path: Path, old: str, new: str, place: str, values: list[str]) -> None:
@@ -125,3 +132,24 @@ def test_a_drive_that_asks_for_fixes_has_them_beside_its_log(tmp_path: Path) -> 
     with refused("output", "--force", file="straight.fixes.csv"):
         write_vehicle_logs(plan, folder)
     assert not list(folder.glob("*.drive.h5"))
+
+
+def test_a_drive_begun_beside_its_course_comes_to_it(tmp_path: Path) -> None:
+    """Commands of the law, replayed by the vehicle: both begin with straight wheels."""
+    path = tmp_path / "drives.toml"
+    drive = 'manoeuvre = "tracking"\nspeed_mps = 3.0\nradii_m = [20.0]\nlook_ahead_m = 4.0\noffset_m = 0.6'
+    path.write_text(_DRIVES.replace(_STANDING, drive))
+    log = VehicleLog.open(write_vehicle_logs(read_vehicle_plan(path), tmp_path, only=["standing"])["standing"])
+    assert log.plan is not None
+    offset = log.plan["cross_track_m"]
+    assert np.nanmax(offset) == pytest.approx(0.6, abs=0.01)
+    assert np.abs(offset[-20:]).max() < 0.2
+
+
+def test_a_driver_by_hand_gives_no_commands(tmp_path: Path) -> None:
+    path = tmp_path / "drives.toml"
+    path.write_text(_DRIVES.replace(_STANDING, _COURSE))
+    log = VehicleLog.open(write_vehicle_logs(read_vehicle_plan(path), tmp_path, only=["standing"])["standing"])
+    assert log.vehicle is not None
+    assert "steering_command_rad" not in log.vehicle
+    assert not np.isin(log.vehicle["mode"], [3, 4]).any()

@@ -10,6 +10,8 @@ from lgprjax.batch import chassis_of, servo_of
 from lgprjax.formats import NavigationTrack, OdometryTrack, RearMap, VehicleFile, VehicleLog
 from lgprjax.formats.vehicle import ChassisTable, PursuitTable, SteeringTable
 from lgprjax.frames import LocalFrame
+from lgprjax.scene.vehicle_drive import VehicleFixes
+from lgprjax.simulation.vehicle_logs import write_vehicle_fixes
 from lgprjax.studies import signals_of
 from lgprjax.vehicle import MeasuredRear, ProportionalRear, rear_angle, torque_share
 from refusals import refused
@@ -51,6 +53,29 @@ def test_signals_are_those_of_the_log() -> None:
     assert found.encoder_counts.dtype == np.float64
     assert found.command_rad is None
     assert found.potentiometer_v is None
+
+
+def test_fixes_of_the_array_are_places_of_the_rear_axle(tmp_path: Path) -> None:
+    """Displaced from the navigation by 3 m to the north, at 30 Hz; their own headings, 5° off, are not used."""
+    time_s = np.arange(301) / 30.0
+    yaw, ahead_m = _YAW_RAD + 0.01 * time_s, 6.0
+    east = time_s * _SPEED_MPS * np.cos(_YAW_RAD) + ahead_m * np.cos(yaw)
+    north = 3.0 + time_s * _SPEED_MPS * np.sin(_YAW_RAD) + ahead_m * np.sin(yaw)
+    pose = np.stack([east, north, 0.0 * east, yaw + np.radians(5.0), 0.0 * east], axis=1)
+    found = np.arange(301) % 30 != 0
+    spread = np.tile(np.diag([0.03, 0.04, 0.05, 0.01, 0.01]) ** 2, (301, 1, 1))
+    fixes = VehicleFixes(time_s, found, pose, spread, (0.03, 0.04), 0.8, 1e-9)
+    write_vehicle_fixes(tmp_path, "test", fixes, _FRAME, t0_utc="2024-05-01T12:00:00Z", provenance={})
+    log = _log(np.arange(101) * 0.1, np.arange(1001) * 0.01, np.arange(501) * 0.02)
+    signals = signals_of(log, fixes=tmp_path / "test.fixes.h5", array_x_m=ahead_m)
+    placed = np.isfinite(signals.east_m)
+    # One of neighbouring fixes, which share their errors; none before the first.
+    assert placed.sum() == 100
+    way_m = signals.time_s[placed] * _SPEED_MPS
+    np.testing.assert_allclose(signals.east_m[placed], way_m * np.cos(_YAW_RAD), atol=1e-5)
+    np.testing.assert_allclose(signals.north_m[placed], 3.0 + way_m * np.sin(_YAW_RAD), atol=1e-5)
+    np.testing.assert_allclose(signals.yaw_rad[placed], _YAW_RAD + 0.01 * signals.time_s[placed], atol=1e-7)
+    np.testing.assert_allclose(signals.sigma_position_m, np.sqrt((0.03**2 + 0.04**2) / 2.0), rtol=1e-6)
 
 
 def test_a_fix_between_records_is_moved_to_the_nearest() -> None:
