@@ -56,7 +56,16 @@ def _message(table: dict[str, Any]) -> Message:
         else:
             numbers.append(MessageField(field["name"], field["type"]))
     layout = struct.Struct("<" + "".join(CODES[field.kind] for field in numbers))
-    return Message(table["type"], table["name"], table["from"], table["line"], tuple(numbers), layout, bulk, axes)
+    return Message(
+        type=table["type"],
+        name=table["name"],
+        sender=table["from"],
+        line=table["line"],
+        numbers=tuple(numbers),
+        layout=layout,
+        bulk=bulk,
+        axes=axes,
+    )
 
 
 _TABLE = tomllib.loads(schema_text("wire"))
@@ -288,7 +297,17 @@ def _opened(raw: bytes) -> Frame | RefusedBytes:
         if len(bulk) != math.prod(int(fields[axis]) for axis in message.axes):
             return RefusedBytes(RefusalReason.PAYLOAD, raw[:KEPT])
         fields[message.bulk] = bulk
-    return Frame(message.name, mode, flags, session, sequence, stamp_us, ttl_ms, fields, raw)
+    return Frame(
+        name=message.name,
+        mode=mode,
+        flags=flags,
+        session=session,
+        sequence=sequence,
+        stamp_us=stamp_us,
+        ttl_ms=ttl_ms,
+        fields=fields,
+        raw=raw,
+    )
 
 
 _DRIFT = 5000

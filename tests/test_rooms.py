@@ -113,3 +113,22 @@ def test_no_process_waits_for_what_few_of_its_commands_need() -> None:
     code = f"import sys, {', '.join(modules)}; print(*[name for name in {slow} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+def test_a_record_of_many_fields_is_built_by_their_names() -> None:
+    """More than six values in a row are swapped without a notice; a sequence that is unpacked has an order of its own."""
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in _PACKAGE.rglob("*.py")}
+    fields: dict[str, set[int]] = {}
+    for tree in trees.values():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef) and not any(
+                isinstance(inner, ast.FunctionDef) and inner.name == "__init__" for inner in node.body
+            ):
+                fields.setdefault(node.name, set()).add(sum(isinstance(inner, ast.AnnAssign) for inner in node.body))
+    many = {name for name, counts in fields.items() if min(counts) > 6}
+    assert {"LiveScans", "VehicleStatus"} <= many
+    for path, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in many:
+                unpacked = any(isinstance(value, ast.Starred) for value in node.args)
+                assert unpacked or not node.args, f"{path}:{node.lineno}"

@@ -144,16 +144,16 @@ def plan_coverage(
     if isinstance(sides, str) or not isinstance(sides, Iterable) or not all(isinstance(each, str) for each in sides):
         raise ArgumentError("sides", 'strings such as "1:none" or "rest:6"', repr(sides)[:60])
     options = PlanOptions(
-        overlap,
-        order,
-        turning_room_m,
-        heading_deg,
-        tuple(sides),
-        keep_out_buffer_m,
-        clearance_m,
-        speed_mps,
-        confidence,
-        drop_out_s,
+        overlap=overlap,
+        order=order,
+        turning_room_m=turning_room_m,
+        heading_deg=heading_deg,
+        sides=tuple(sides),
+        keep_out_buffer_m=keep_out_buffer_m,
+        clearance_m=clearance_m,
+        speed_mps=speed_mps,
+        confidence=confidence,
+        drop_out_s=drop_out_s,
         polygon=polygon,
     )
     check_plan_options(options, level)

@@ -250,14 +250,14 @@ def tune(
         if file is None:
             raise InputError("call", "vehicle", "a vehicle saved to a file (save it first)", repr(vehicle))
         asked = Study(
-            Path("call"),
-            str(study),
-            _kind(study),
-            file,
-            None,
-            _log_paths(logs),
-            _log_paths(held_out),
-            dict(options),
+            file=Path("call"),
+            name=str(study),
+            kind=_kind(study),
+            vehicle=file,
+            serial_number=None,
+            logs=_log_paths(logs),
+            held_out=_log_paths(held_out),
+            options=dict(options),
         )
     else:
         given = [name for name, paths in (("logs", logs), ("held_out", held_out)) if _log_paths(paths)] + list(options)

@@ -226,7 +226,18 @@ def step_pedal_watch(
     lowest = _lower(state.lowest_mps, abs(speed_mps)) if stuck else math.inf
     rises = step_dwell(state.rises, stuck and abs(speed_mps) > lowest + RISE_MPS, step_s, on_s=RISE_S)
     state = PedalWatchState(
-        throttles, brakes, throttle, brake, observer, lowest, opened, dead, ahead, unbraked, unread, rises
+        throttles=throttles,
+        brakes=brakes,
+        throttle=throttle,
+        brake=brake,
+        observer=observer,
+        lowest_mps=lowest,
+        open=opened,
+        dead=dead,
+        ahead=ahead,
+        unbraked=unbraked,
+        unread=unread,
+        rises=rises,
     )
     bits = (
         stuck * Watch.THROTTLE_STUCK
@@ -360,7 +371,17 @@ def step_wheel_sensors(
     out = step_dwell(state.range, math.isnan(front), step_s, on_s=RANGE_S)
     stuck = step_dwell(state.stuck, abs(encoder - since) > MOVED_RAD, step_s, on_s=ENCODER_STUCK_S)
     apart = step_dwell(state.apart, judged and beyond(front - encoder, APART_RAD), step_s, on_s=APART_S)
-    state = WheelSensorState(zero, learnt, learnt_counts, still, since, encoder, out, stuck, apart)
+    state = WheelSensorState(
+        zero_counts=zero,
+        learnt=learnt,
+        learnt_counts=learnt_counts,
+        still_rad=still,
+        since_rad=since,
+        encoder_rad=encoder,
+        range=out,
+        stuck=stuck,
+        apart=apart,
+    )
     bits = (
         out.on * Watch.POTENTIOMETER_RANGE | stuck.on * Watch.POTENTIOMETER_STUCK | apart.on * Watch.WHEEL_SENSORS_APART
     )
@@ -480,18 +501,18 @@ def step_servo_watch(
     if moves or not behind:
         stalled = measured if behind else math.nan
     state = ServoWatchState(
-        time_s,
-        engaged_s,
-        sent,
-        motor,
-        wheel,
-        recent,
-        stalled,
-        state.weak,
-        state.stalled,
-        state.lost,
-        supply,
-        state.away,
+        time_s=time_s,
+        engaged_s=engaged_s,
+        sent=sent,
+        motor_rad=motor,
+        wheel_rad=wheel,
+        wheels=recent,
+        stalled_rad=stalled,
+        weak=state.weak,
+        stalled=state.stalled,
+        lost=state.lost,
+        supply=supply,
+        away=state.away,
     )
     return _settle(
         state,

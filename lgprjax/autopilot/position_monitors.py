@@ -324,7 +324,19 @@ def step_odometer_watch(
     bad = dead.on or turned.on or slips.on
     blind = not legs or time_s - legs[-1].time_s > BLIND_S
     unknown = step_dwell(state.blind, bad and blind, step_s, on_s=FOUND_S)
-    state = OdometerWatchState(history, speeds, last, legs, verdict, time_s, dead, turned, slips, pushed, unknown)
+    state = OdometerWatchState(
+        history=history,
+        speeds_mps=speeds,
+        last=last,
+        legs=legs,
+        verdict=verdict,
+        time_s=time_s,
+        dead=dead,
+        reversed=turned,
+        slips=slips,
+        pushed=pushed,
+        blind=unknown,
+    )
     bits = (
         dead.on * Watch.ODOMETER_DEAD
         | turned.on * Watch.ODOMETER_REVERSED

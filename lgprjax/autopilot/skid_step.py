@@ -398,14 +398,14 @@ def step_skid(
     pulses = _chosen(stops, init_pulses(speed), pulses)
     carrot = _chosen(orders.engaged, carrot, state.carrot)
     info = SkidInfo(
-        found,
-        plan,
-        jnp.where(orders.engaged, limited, 0),
-        health.reaction,
-        health.reasons,
-        health.sigma_m,
-        edge,
-        stops,
+        filter=found,
+        plan=plan,
+        limited=jnp.where(orders.engaged, limited, 0),
+        reaction=health.reaction,
+        reasons=health.reasons,
+        sigma_m=health.sigma_m,
+        edge_predicted=edge,
+        stops=stops,
     )
     return SkidState(filtered, carrot, pulses, limiter, edge), limiter.last, info
 

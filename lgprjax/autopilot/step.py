@@ -402,16 +402,16 @@ def step_onboard(
     health = navigated.health
     reaction = jnp.where(orders.stop, Reaction.STOP.value, health.reaction).astype(jnp.int32)
     inputs = AutopilotInputs(
-        navigated.pose_route,
-        navigated.speed_mps,
-        reaction,
-        jnp.minimum(health.speed_cap_mps, orders.speed_cap_mps),
-        orders.age_s,
-        orders.steering_engaged,
-        orders.speed_engaged,
-        orders.set_speed_mps,
-        orders.front_rad,
-        orders.torque_share,
+        pose_route=navigated.pose_route,
+        speed_mps=navigated.speed_mps,
+        reaction=reaction,
+        speed_cap_mps=jnp.minimum(health.speed_cap_mps, orders.speed_cap_mps),
+        age_s=orders.age_s,
+        steering_engaged=orders.steering_engaged,
+        speed_engaged=orders.speed_engaged,
+        set_speed_mps=orders.set_speed_mps,
+        front_rad=orders.front_rad,
+        torque_share=orders.torque_share,
     )
     autopilot, command, info = step_autopilot(setup.autopilot, route, state.autopilot, inputs, motion.step_s)
     return OnboardState(navigator, autopilot), command, OnboardInfo(navigated, info)

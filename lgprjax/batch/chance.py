@@ -209,12 +209,12 @@ def _scans_of(source: MapFile, swapped: _Swapped, channels: int) -> LiveScans:
     )
     # The labels are the track of the stretch: the array's centre is the body's origin here.
     return LiveScans(
-        np.arange(count),
-        stations.profile[back, of].astype(np.float32),
-        stations.valid[back, of],
-        track,
-        path_m,
-        pose[:, :2],
+        number=np.arange(count),
+        filtered=stations.profile[back, of].astype(np.float32),
+        valid=stations.valid[back, of],
+        track=track,
+        path_m=path_m,
+        dead_reckoned_m=pose[:, :2],
     )
 
 

@@ -230,16 +230,16 @@ def fix_example(
     )
     truth = None if drive.truth is None else to_tile(drive.truth[[scan]], frame)[0][:2]
     return FixExample(
-        scan,
-        strips,
-        surface,
-        prior[:2],
-        _prior_sigma(log, scan),
-        pose[:2],
-        rival_of(surface, pose[:2], 0.6 * description.settings.wavelength_m),
-        truth,
-        frame,
-        swarm_about(ground, tile_number, array, template, prior, surface, drive, options, scan),
+        scan=scan,
+        strips=strips,
+        surface=surface,
+        prior_m=prior[:2],
+        prior_sigma_m=_prior_sigma(log, scan),
+        best_m=pose[:2],
+        second_m=rival_of(surface, pose[:2], 0.6 * description.settings.wavelength_m),
+        truth_m=truth,
+        frame=frame,
+        swarm=swarm_about(ground, tile_number, array, template, prior, surface, drive, options, scan),
     )
 
 

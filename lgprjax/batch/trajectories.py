@@ -40,16 +40,19 @@ def trajectory_of_fixes(log: DriveLog, fixes: pd.DataFrame, path: str | Path) ->
         for name in ("time_s", "latitude_deg", "longitude_deg", "height_m", "heading_deg", "roll_deg")
     )
     return Trajectory(
-        log.path.name.removesuffix(".drive.h5"),
-        "fixes that are ok",
-        log.description.t0_utc,
-        time_s,
-        latitude,
-        longitude,
-        height,
-        heading,
-        roll,
-        {"scan": ok["scan"].to_numpy(), **{name: ok[name].to_numpy() for name in _SHOWN if name in ok.columns}},
+        name=log.path.name.removesuffix(".drive.h5"),
+        what="fixes that are ok",
+        t0_utc=log.description.t0_utc,
+        time_s=time_s,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        heading_deg=heading,
+        roll_deg=roll,
+        properties={
+            "scan": ok["scan"].to_numpy(),
+            **{name: ok[name].to_numpy() for name in _SHOWN if name in ok.columns},
+        },
     )
 
 
@@ -68,16 +71,16 @@ def trajectory_of_track(log: DriveLog, *, truth: bool) -> Trajectory:
     pose, up = poses_of(known, time_s, frame, log.description.array)
     latitude, longitude, height = frame.to_geodetic(pose[:, 0], pose[:, 1], up + pose[:, 2])
     return Trajectory(
-        log.path.name.removesuffix(".drive.h5"),
-        "truth" if truth else "navigation as recorded",
-        log.description.t0_utc,
-        time_s,
-        latitude,
-        longitude,
-        height,
-        frame.heading_of_yaw(pose[:, 3], longitude),
-        np.degrees(pose[:, 4]),
-        {"scan": np.flatnonzero(within)},
+        name=log.path.name.removesuffix(".drive.h5"),
+        what="truth" if truth else "navigation as recorded",
+        t0_utc=log.description.t0_utc,
+        time_s=time_s,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        heading_deg=frame.heading_of_yaw(pose[:, 3], longitude),
+        roll_deg=np.degrees(pose[:, 4]),
+        properties={"scan": np.flatnonzero(within)},
     )
 
 

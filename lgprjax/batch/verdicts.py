@@ -83,7 +83,7 @@ def figure(
 def not_recorded(name: str, why: str) -> HealthFigure:
     """A figure whose underlying quantity was not recorded."""
     nan = float("nan")
-    return HealthFigure(name, nan, "", nan, nan, "not recorded", why, ())
+    return HealthFigure(name=name, value=nan, unit="", look=nan, bad=nan, verdict="not recorded", meaning=why, where=())
 
 
 def runs(mask: Bool[np.ndarray, " place"]) -> list[tuple[int, int]]:

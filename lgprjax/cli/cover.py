@@ -166,18 +166,18 @@ class CoverPlanVerb:
         if self.gaps is None and (self.level, self.least_width_m) != (0.95, 0.1):
             raise UsageError("--level and --least-width-m: need --gaps as well")
         options = PlanOptions(
-            self.overlap,
-            self.order,
-            self.turning_room_m,
-            self.heading_deg,
-            self.sides,
-            self.keep_out_buffer_m,
-            self.clearance_m,
-            self.speed_mps,
-            self.confidence,
-            self.drop_out_s,
-            self.least_width_m,
-            self.polygon,
+            overlap=self.overlap,
+            order=self.order,
+            turning_room_m=self.turning_room_m,
+            heading_deg=self.heading_deg,
+            sides=self.sides,
+            keep_out_buffer_m=self.keep_out_buffer_m,
+            clearance_m=self.clearance_m,
+            speed_mps=self.speed_mps,
+            confidence=self.confidence,
+            drop_out_s=self.drop_out_s,
+            least_width_m=self.least_width_m,
+            polygon=self.polygon,
         )
         check_plan_options(options, self.level)
         check_outputs(self.output, self.json, self.picture, force=self.force)

@@ -11,9 +11,36 @@ from lgprjax.cli.verbs import VERBS, Verb, VerbGroup, every_verb
 
 _LEFT = 26
 SHARED = (
-    Option(("-h", "--help"), "", "show this help", "", False, 0, (), ()),
-    Option(("-q", "--quiet"), "", "print only errors and the result", "", False, 0, (), ()),
-    Option(("-v", "--verbose"), "", "also print durations and details", "", False, 0, (), ()),
+    Option(
+        names=("-h", "--help"),
+        metavar="",
+        text="show this help",
+        default="",
+        required=False,
+        values=0,
+        reads=(),
+        choices=(),
+    ),
+    Option(
+        names=("-q", "--quiet"),
+        metavar="",
+        text="print only errors and the result",
+        default="",
+        required=False,
+        values=0,
+        reads=(),
+        choices=(),
+    ),
+    Option(
+        names=("-v", "--verbose"),
+        metavar="",
+        text="also print durations and details",
+        default="",
+        required=False,
+        values=0,
+        reads=(),
+        choices=(),
+    ),
 )
 """Options of every command. ``lgprjax.cli.command`` reads them before the command is parsed."""
 _WHAT = "Localizing ground-penetrating radar: locate a vehicle by radar scans."

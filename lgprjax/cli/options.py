@@ -101,7 +101,16 @@ def _options(verb: type) -> Iterator[Option]:
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         default = "" if required or "default:" in text else _in_words(field.default)
         names = (metavar,) if positional else (*aliases, name)
-        yield Option(names, metavar, " ".join(text.split()), default, required, values, reads, choices)
+        yield Option(
+            names=names,
+            metavar=metavar,
+            text=" ".join(text.split()),
+            default=default,
+            required=required,
+            values=values,
+            reads=reads,
+            choices=choices,
+        )
 
 
 def _unwrapped(kind: Any) -> tuple[Any, list[Any]]:

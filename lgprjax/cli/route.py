@@ -97,15 +97,15 @@ class RouteSelect:
         check_outputs(self.output, force=self.force)
         length_m = route_named(source, self.route).length_m
         chosen = RouteFile(
-            source.path,
-            file_hash(source.path),
-            self.route,
-            self.from_m,
-            length_m if self.to_m is None else self.to_m,
-            "against" if self.against else "along",
-            self.cruise_mps,
-            self.lateral_mps2,
-            self.vehicle,
+            map=source.path,
+            map_sha256=file_hash(source.path),
+            route=self.route,
+            from_m=self.from_m,
+            to_m=length_m if self.to_m is None else self.to_m,
+            direction="against" if self.against else "along",
+            cruise_mps=self.cruise_mps,
+            lateral_mps2=self.lateral_mps2,
+            vehicle=self.vehicle,
         )
         laid = lay_route(chosen, source, file=self.output)
         write_route(self.output, chosen, force=self.force)
@@ -150,7 +150,17 @@ class RouteExport:
             source, name = read_source(drive_of(files[0])), self.files[1]
             length_m = route_named(source, name).length_m
             # The whole route at 10 mph: the defaults of route select.
-            chosen = RouteFile(source.path, "", name, 0.0, length_m, "along", _TEN_MPH, 1.5, None)
+            chosen = RouteFile(
+                map=source.path,
+                map_sha256="",
+                route=name,
+                from_m=0.0,
+                to_m=length_m,
+                direction="along",
+                cruise_mps=_TEN_MPH,
+                lateral_mps2=1.5,
+                vehicle=None,
+            )
             parts = [(files[0], waypoints_of(lay_route(chosen, source, file=files[0]), source))]
         waypoints = joined_waypoints(parts)
         write_waypoints(self.output, name, waypoints, force=self.force)

@@ -117,15 +117,15 @@ def _make_route(config: "RuntimeConfig", source: Path, route: Path) -> None:
 
     first = read_source(source).routes[0]
     chosen = RouteFile(
-        source,
-        file_hash(source),
-        first.name,
-        0.0,
-        first.length_m,
-        "along",
-        _CRUISE_MPS,
-        1.5,
-        config.path(config.vehicle),
+        map=source,
+        map_sha256=file_hash(source),
+        route=first.name,
+        from_m=0.0,
+        to_m=first.length_m,
+        direction="along",
+        cruise_mps=_CRUISE_MPS,
+        lateral_mps2=1.5,
+        vehicle=config.path(config.vehicle),
     )
     write_route(route, chosen)
 
@@ -231,7 +231,7 @@ def prepare_field(config: "RuntimeConfig", table: "SimulationTable") -> None:
         raise InputError(config.file, "simulation.field", "a field to plan, if there is no plan", "none")
     output = config.path(config.coverage.plan)
     output.parent.mkdir(parents=True, exist_ok=True)
-    options = PlanOptions(table.overlap, table.order, table.turning_room_m)
+    options = PlanOptions(overlap=table.overlap, order=table.order, turning_room_m=table.turning_room_m)
     plan = make_cover_plan(config.path(table.field), config.path(config.vehicle), options)
     assert plan is not None
     save_cover_plan(output, plan)

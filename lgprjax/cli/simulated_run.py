@@ -105,14 +105,14 @@ def read_records(folder: Path) -> RunRecords:
             held = [value for value in json.loads(record.payload).get("rss_mb", {}).values() if value is not None]
             memory.append((record.mono_ns / 1e9, float(sum(held))))
     return RunRecords(
-        scans,
-        np.array(ticks, np.int64),
-        np.array(plans, PLAN),
-        np.array(plan_ns, np.int64),
-        np.array(fixes, FIX),
-        np.array(fix_ns, np.int64),
-        np.array([(scan_ns, begun[tick]) for scan_ns, tick in used if tick in begun], np.int64).reshape(-1, 2),
-        np.array(memory, np.float64).reshape(-1, 2),
+        scans=scans,
+        tick_ns=np.array(ticks, np.int64),
+        plans=np.array(plans, PLAN),
+        plan_ns=np.array(plan_ns, np.int64),
+        fixes=np.array(fixes, FIX),
+        fix_ns=np.array(fix_ns, np.int64),
+        used_ns=np.array([(scan_ns, begun[tick]) for scan_ns, tick in used if tick in begun], np.int64).reshape(-1, 2),
+        memory=np.array(memory, np.float64).reshape(-1, 2),
     )
 
 

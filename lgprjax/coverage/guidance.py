@@ -516,14 +516,14 @@ def plan_of(
     )
     slow = jnp.minimum(slow, settings.largest_yaw_rate_radps / jnp.maximum(bend, 1e-6))
     return CarrotPlan(
-        speed_mps * jnp.clip(curvature_radpm, -largest, largest),
-        foot.cross_m,
-        foot.heading_error_rad,
-        jnp.where(state.done, 0.0, jnp.maximum(slow, _CREEP_MPS)),
-        (foot.point.tool_on > 0.5) & state.begun & ~state.done,
-        foot.point.line,
-        to_go,
-        state.done,
+        yaw_rate_radps=speed_mps * jnp.clip(curvature_radpm, -largest, largest),
+        cross_m=foot.cross_m,
+        heading_error_rad=foot.heading_error_rad,
+        speed_limit_mps=jnp.where(state.done, 0.0, jnp.maximum(slow, _CREEP_MPS)),
+        tool_on=(foot.point.tool_on > 0.5) & state.begun & ~state.done,
+        line=foot.point.line,
+        to_go_m=to_go,
+        done=state.done,
     )
 
 

@@ -248,7 +248,17 @@ def pattern_of(
     length_m = line_length_m + sum(turn.length_m for turn in turns)
     _check_length(length_m, name)
     tightest_m = min((turn.tightest_radius_m for turn in turns), default=math.inf)
-    return Pattern(field, settings, lines, turns, spacing_m, length_m, line_length_m, tightest_m, unreached)
+    return Pattern(
+        field=field,
+        settings=settings,
+        lines=lines,
+        turns=turns,
+        spacing_m=spacing_m,
+        length_m=length_m,
+        line_length_m=line_length_m,
+        tightest_radius_m=tightest_m,
+        unreached=unreached,
+    )
 
 
 def driving_time_s(pattern: Pattern, speed_mps: float) -> float:

@@ -73,7 +73,9 @@ def init_pass() -> RunningPass:
     nowhere = WorkedStrip(zero, zero, zero, zero, zero, jnp.eye(3, dtype=jnp.float32))
     strips = jax.tree.map(lambda part: jnp.broadcast_to(part, (STRIPS, *part.shape)), nowhere)
     no = jnp.asarray(False)
-    begun = RunningPass(no, nowhere, nowhere, nowhere, strips, jnp.int32(0), no)
+    begun = RunningPass(
+        going=no, now=nowhere, low=nowhere, high=nowhere, strips=strips, strip_count=jnp.int32(0), begun_here=no
+    )
     # A step with donated state needs separate memory for each part.
     separate: RunningPass = jax.tree.map(jnp.array, begun)
     return separate

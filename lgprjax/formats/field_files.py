@@ -437,4 +437,6 @@ def _checked(file: Path, values: Ring, *, driven: bool) -> FieldPlaces:
     some = np.isfinite(height)
     notes = ("heights left out: not every corner has one",) if some.any() and not some.all() else ()
     level = height if some.all() else np.zeros(len(height))
-    return FieldPlaces(latitude, continuous(longitude, first), level, driven, notes=notes)
+    return FieldPlaces(
+        latitude_deg=latitude, longitude_deg=continuous(longitude, first), height_m=level, driven=driven, notes=notes
+    )

@@ -359,12 +359,12 @@ def recording_of_form(
         if len(numbers) != size:
             raise InputError(path, f"RadarArray, {name}", f"{size} numbers, as in the scans", str(len(numbers)))
     return SweepRecording(
-        layout.frequencies_hz,
-        lookup.astype(np.float32).view(np.complex64).reshape(form.channels, form.samples),
-        lookup_calibration.astype(np.float32).view(np.complex64),
-        layout.group_delay_ns,
-        gain,
-        delay_ns,
+        frequencies_hz=layout.frequencies_hz,
+        lookup_sweeps=lookup.astype(np.float32).view(np.complex64).reshape(form.channels, form.samples),
+        lookup_calibration_sweep=lookup_calibration.astype(np.float32).view(np.complex64),
+        group_delay_ns=layout.group_delay_ns,
+        channel_gain=gain,
+        channel_delay_ns=delay_ns,
     )
 
 

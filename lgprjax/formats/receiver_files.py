@@ -96,7 +96,16 @@ def _rmc(fields: list[str]) -> NmeaFix:
         raise ValueError
     latitude, longitude = _angle("latitude", fields[2], fields[3]), _angle("longitude", fields[4], fields[5])
     unsaid = math.nan
-    return NmeaFix(latitude, longitude, unsaid, unsaid, _clock(fields[0]), unsaid, unsaid, unsaid)
+    return NmeaFix(
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        altitude_m=unsaid,
+        separation_m=unsaid,
+        time_s=_clock(fields[0]),
+        quality=unsaid,
+        satellites=unsaid,
+        hdop=unsaid,
+    )
 
 
 _FIX_OF = {"GGA": _gga, "RMC": _rmc}

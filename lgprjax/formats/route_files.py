@@ -52,15 +52,15 @@ def read_route(path: str | Path) -> RouteFile:
         raise finding.error()
     vehicle = table.get("vehicle")
     return RouteFile(
-        file.parent / table["map"],
-        table["map_sha256"],
-        table["route"],
-        float(table["from_m"]),
-        float(table["to_m"]),
-        table["direction"],
-        float(table["cruise_mps"]),
-        float(table["lateral_mps2"]),
-        None if vehicle is None else file.parent / vehicle,
+        map=file.parent / table["map"],
+        map_sha256=table["map_sha256"],
+        route=table["route"],
+        from_m=float(table["from_m"]),
+        to_m=float(table["to_m"]),
+        direction=table["direction"],
+        cruise_mps=float(table["cruise_mps"]),
+        lateral_mps2=float(table["lateral_mps2"]),
+        vehicle=None if vehicle is None else file.parent / vehicle,
     )
 
 

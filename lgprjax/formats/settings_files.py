@@ -83,14 +83,14 @@ def read_study(path: str | Path) -> Study:
             raise InputError(file, "held_out", "held-out logs that the fit does not use", name)
     folder = file.parent
     return Study(
-        file,
-        study.name,
-        study.kind,
-        folder / study.vehicle,
-        study.serial_number,
-        tuple(folder / name for name in study.logs),
-        tuple(folder / name for name in study.held_out),
-        study.options,
+        file=file,
+        name=study.name,
+        kind=study.kind,
+        vehicle=folder / study.vehicle,
+        serial_number=study.serial_number,
+        logs=tuple(folder / name for name in study.logs),
+        held_out=tuple(folder / name for name in study.held_out),
+        options=study.options,
     )
 
 

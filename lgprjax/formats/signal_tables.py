@@ -491,12 +491,12 @@ def _navigation(
         _sigma_at(name, series, time_s, assumed, left_out) for name in ("position_sigma", "heading_sigma")
     )
     return NavigationTrack(
-        time_s,
-        latitude,
-        longitude,
-        height,
-        np.mod(heading, 360.0),
-        np.zeros(len(time_s)),
+        time_s=time_s,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        heading_deg=np.mod(heading, 360.0),
+        roll_deg=np.zeros(len(time_s)),
         sigma_east_m=sigma,
         sigma_north_m=sigma,
         sigma_heading_deg=heading_sigma,

@@ -251,7 +251,15 @@ def _matched(
             progress(int(chosen.sum()))
     if not rows:
         none = np.zeros(0, np.int64)
-        return PassMatches(none, none, none, none, np.zeros((0, 3)), np.zeros((0, 3, 3)), none)
+        return PassMatches(
+            station=none,
+            number=none,
+            ground=none,
+            on=none,
+            found=np.zeros((0, 3)),
+            covariance=np.zeros((0, 3, 3)),
+            code=none,
+        )
     return PassMatches(*(np.concatenate(field) for field in zip(*rows, strict=True)))
 
 

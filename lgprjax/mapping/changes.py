@@ -124,7 +124,11 @@ def judge_ground(evidence: Evidence) -> GroundVerdict:
             agreeing = _agreeing(evidence, score[:, span], evidence.apart_m[:, span], usual, drive)
             start_m, stop_m = float(evidence.at_m[first]) - PLACE_M / 2, float(evidence.at_m[last]) + PLACE_M / 2
             middle = float(np.nanmedian(score[drive, span]))
-            changed.append(ChangedGround(start_m, stop_m, first, last, drive, middle, agreeing))
+            changed.append(
+                ChangedGround(
+                    start_m=start_m, stop_m=stop_m, first=first, last=last, drive=drive, score=middle, agreeing=agreeing
+                )
+            )
             in_force[drive, span] &= not agreeing
             for other in agreeing:
                 confirmed[other, span] |= np.isfinite(score[other, span])

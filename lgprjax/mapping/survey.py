@@ -162,7 +162,20 @@ def _joined(rows: list[Agreement]) -> Agreement:
     if not rows:
         none = np.zeros(0)
         whole = np.zeros(0, np.int64)
-        return Agreement(whole, whole, Matches(none, none, none, none, none, none, none, whole))
+        return Agreement(
+            whole,
+            whole,
+            Matches(
+                along_m=none,
+                cross_m=none,
+                sigma_m=none,
+                correlation=none,
+                score=none,
+                rival=none,
+                share=none,
+                code=whole,
+            ),
+        )
     match = Matches(*(np.concatenate(field) for field in zip(*(row.match for row in rows), strict=True)))
     return Agreement(np.concatenate([row.drive for row in rows]), np.concatenate([row.route for row in rows]), match)
 

@@ -207,17 +207,17 @@ def init_cart(model: CartModel, x_m: Float[Array, ""], y_m: Float[Array, ""]) ->
     mean = jnp.zeros(len(CART_STATES), jnp.float32).at[X].set(x_m).at[Y].set(y_m)
     rows = 2 * PAIRS
     return CartFilterState(
-        CartEstimate(mean, jnp.diag(sigmas * sigmas)),
-        init_gates(),
-        jnp.asarray(False),
-        jnp.zeros((rows, 2), jnp.float32),
-        jnp.zeros(rows, jnp.float32),
-        jnp.int32(0),
-        zero,
-        zero,
-        jnp.full(2, never),
-        never,
-        zero,
+        estimate=CartEstimate(mean, jnp.diag(sigmas * sigmas)),
+        gates=init_gates(),
+        known=jnp.asarray(False),
+        kept_m=jnp.zeros((rows, 2), jnp.float32),
+        kept_variance=jnp.zeros(rows, jnp.float32),
+        taken=jnp.int32(0),
+        kept_s=zero,
+        pace_mps=zero,
+        fix_m=jnp.full(2, never),
+        fix_s=never,
+        fix_variance=zero,
     )
 
 
@@ -308,7 +308,15 @@ def step_cart(
         fix_variance=jnp.where(offered, variance, state.fix_variance),
     )
     broken = opened | starts | other | ~held
-    return after, CartInfo(held, starts & held, nis, offered, verdict.accepted, verdict.reacquired, broken)
+    return after, CartInfo(
+        heading_known=held,
+        heading_started=starts & held,
+        nis=nis,
+        offered=offered,
+        accepted=verdict.accepted,
+        reacquired=verdict.reacquired,
+        broken=broken,
+    )
 
 
 def smooth_cart(

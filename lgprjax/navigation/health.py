@@ -255,7 +255,20 @@ def init_health() -> HealthState:
     unknown = jnp.float32(jnp.nan)
     held_s, neither_s = jnp.zeros(len(Reason), jnp.float32), jnp.zeros(2, jnp.float32)
     expected = jnp.float32(_EXPECTED_NIS)
-    return HealthState(unknown, unknown, zero, zero, bins, bins, bins, zero, zero, held_s, expected, neither_s)
+    return HealthState(
+        gnss_x_m=unknown,
+        gnss_y_m=unknown,
+        stuck_m=zero,
+        repeated_m=zero,
+        unproven=bins,
+        scans=bins,
+        fixes=bins,
+        bin_s=zero,
+        fix_way_m=zero,
+        held_s=held_s,
+        gnss_nis=expected,
+        bounded_s=neither_s,
+    )
 
 
 def step_health(

@@ -188,7 +188,15 @@ def init_gates() -> GateState:
     none = jnp.zeros(len(SOURCES), jnp.int32)
     never = jnp.full(len(SOURCES), NEVER_S, jnp.float32)
     places = jnp.zeros((2, 2), jnp.float32)
-    return GateState(none, none, never, never, places, places, jnp.float32(0.0))
+    return GateState(
+        rejects=none,
+        alone=none,
+        since_accepted_s=never,
+        since_offered_s=never,
+        first_fix_m=places,
+        first_seen_m=places,
+        conflict_s=jnp.float32(0.0),
+    )
 
 
 def advance_gates(rules: GateRules, gates: GateState, step_s: Float[Array, ""]) -> GateState:
@@ -243,13 +251,17 @@ def judge(
     # Any other source's run of rejects is no longer alone once a position was accepted.
     alone_all = jnp.where(accepted, 0, gates.alone) if positions else gates.alone
     return GateVerdict(accepted, reacquired), GateState(
-        gates.rejects.at[source].set(jnp.where(rejected, counted, jnp.where(accepted, 0, gates.rejects[source]))),
-        alone_all.at[source].set(jnp.where(rejected, alone + 1, jnp.where(accepted, 0, gates.alone[source]))),
-        gates.since_accepted_s.at[source].set(jnp.where(accepted, 0.0, gates.since_accepted_s[source])),
-        gates.since_offered_s.at[source].set(jnp.where(offered, 0.0, gates.since_offered_s[source])),
-        first_fix,
-        first_seen,
-        gates.conflict_s,
+        rejects=gates.rejects.at[source].set(
+            jnp.where(rejected, counted, jnp.where(accepted, 0, gates.rejects[source]))
+        ),
+        alone=alone_all.at[source].set(jnp.where(rejected, alone + 1, jnp.where(accepted, 0, gates.alone[source]))),
+        since_accepted_s=gates.since_accepted_s.at[source].set(
+            jnp.where(accepted, 0.0, gates.since_accepted_s[source])
+        ),
+        since_offered_s=gates.since_offered_s.at[source].set(jnp.where(offered, 0.0, gates.since_offered_s[source])),
+        first_fix_m=first_fix,
+        first_seen_m=first_seen,
+        conflict_s=gates.conflict_s,
     )
 
 

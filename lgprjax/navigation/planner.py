@@ -353,14 +353,14 @@ def find_starts(
     code = jnp.where(valid[0], code, jnp.where(jnp.any(close), PlanCode.WRONG_HEADING, PlanCode.OFF_ROUTE))
     finite = jnp.isfinite(x) & jnp.isfinite(y)
     return Starts(
-        leg,
-        arc,
-        distance,
-        facing * gear,
-        facing,
-        valid & finite,
-        pose_route,
-        jnp.where(finite, code, PlanCode.NON_FINITE).astype(jnp.int32),
+        leg=leg,
+        arc_m=arc,
+        distance_m=distance,
+        travel=facing * gear,
+        facing=facing,
+        valid=valid & finite,
+        pose=pose_route,
+        code=jnp.where(finite, code, PlanCode.NON_FINITE).astype(jnp.int32),
     )
 
 

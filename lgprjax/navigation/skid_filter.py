@@ -365,7 +365,17 @@ def init_heading_start() -> HeadingStart:
     zero, rows = jnp.float32(0.0), 2 * PAIRS
     many, places = jnp.zeros(rows, jnp.float32), jnp.zeros((rows, 2), jnp.float32)
     own = VehiclePose(zero, zero, zero)
-    return HeadingStart(jnp.asarray(False), own, zero, places, places, many, many, many, jnp.int32(0))
+    return HeadingStart(
+        known=jnp.asarray(False),
+        own=own,
+        time_s=zero,
+        fix_m=places,
+        antenna_m=places,
+        own_yaw_rad=many,
+        fix_variance=many,
+        fix_s=many,
+        taken=jnp.int32(0),
+    )
 
 
 def step_heading_start(

@@ -139,7 +139,14 @@ def fit_chance(
         return pooled._replace(pieces=int(independent))
     # In units of the noise floor all windows have one tail; their pieces are the same, so that they count once.
     scale = float(excess.mean()) * (1.0 + _SURE / np.sqrt(len(excess) / len(beyond)))
-    return Chance(start, share, np.full(len(start), max(scale, _LEAST_SCALE)), area, pieces=int(independent), own=True)
+    return Chance(
+        start=start,
+        share=share,
+        scale=np.full(len(start), max(scale, _LEAST_SCALE)),
+        area_m2=area,
+        pieces=int(independent),
+        own=True,
+    )
 
 
 def fit_sigma_scale(

@@ -159,7 +159,17 @@ class LiveChain:
         number = np.arange(self._fed, self._fed + scans)
         self._fed += scans
         self._travel_m, self._path_m, self._reckoned_m = float(track.travel_m[-1]), float(path_m[-1]), straight_m[-1]
-        return LiveScans(number, filtered, valid, track, path_m, reckoned_m, self._settled, background, self._settled_m)
+        return LiveScans(
+            number=number,
+            filtered=filtered,
+            valid=valid,
+            track=track,
+            path_m=path_m,
+            dead_reckoned_m=reckoned_m,
+            settled=self._settled,
+            background=background,
+            settled_m=self._settled_m,
+        )
 
     def _filter(
         self,
@@ -292,16 +302,16 @@ def stops_of(
     yaw = track.pose[chosen, 3]
     lever = np.stack(body_to_local(np.zeros(len(yaw)), np.zeros(len(yaw)), yaw, *centre_of(array)), axis=1)
     return Stops(
-        scans.number[chosen],
-        scans.filtered[chosen],
-        np.zeros((*valid.shape, 2 * len(basis.angular_frequency_rad_per_ns)), np.float32),
-        valid,
-        track.pose[chosen],
-        track.speed_mps[chosen],
-        track.sigma_yaw_rad[chosen],
-        scans.dead_reckoned_m[chosen] + lever,
-        scans.path_m[chosen],
-        track.leg[chosen],
+        number=scans.number[chosen],
+        filtered=scans.filtered[chosen],
+        coefficients=np.zeros((*valid.shape, 2 * len(basis.angular_frequency_rad_per_ns)), np.float32),
+        valid=valid,
+        pose=track.pose[chosen],
+        speed_mps=track.speed_mps[chosen],
+        sigma_yaw_rad=track.sigma_yaw_rad[chosen],
+        reckoned_m=scans.dead_reckoned_m[chosen] + lever,
+        path_m=scans.path_m[chosen],
+        leg=track.leg[chosen],
     )
 
 

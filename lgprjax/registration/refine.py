@@ -132,7 +132,15 @@ def climb(
         lower = jax.lax.linalg.cholesky(matrix, symmetrize_input=False)
         asked = jax.scipy.linalg.cho_solve((lower, True), side[..., None])[..., 0]
         asked = jnp.where(on_map[:, None], asked, 0.0)
-        here = _Best(pose, posterior, correlation, overlap, information, sampled.covered, asked)
+        here = _Best(
+            pose=pose,
+            posterior=posterior,
+            correlation=correlation,
+            overlap=overlap,
+            information=information,
+            covered=sampled.covered,
+            asked=asked,
+        )
         better = posterior > best.posterior
         best = jax.tree.map(
             lambda new, old: jnp.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old), here, best
@@ -150,19 +158,27 @@ def climb(
         return after, hear(after), best, length
 
     none = _Best(
-        start,
-        jnp.full(len(start), -jnp.inf, jnp.float32),
-        jnp.full(len(start), OFF_MAP_SCORE, jnp.float32),
-        jnp.zeros(len(start), jnp.float32),
-        jnp.zeros((len(start), 6, 6), jnp.float32),
-        jnp.zeros(template.valid.shape, bool),
-        jnp.zeros((len(start), 6), jnp.float32),
+        pose=start,
+        posterior=jnp.full(len(start), -jnp.inf, jnp.float32),
+        correlation=jnp.full(len(start), OFF_MAP_SCORE, jnp.float32),
+        overlap=jnp.zeros(len(start), jnp.float32),
+        information=jnp.zeros((len(start), 6, 6), jnp.float32),
+        covered=jnp.zeros(template.valid.shape, bool),
+        asked=jnp.zeros((len(start), 6), jnp.float32),
     )
     whole = jnp.ones(len(start), jnp.float32)
     pose, sampled, best, length = jax.lax.fori_loop(0, steps - 1, step, (start, hear(start), none, whole))
     _, best, _ = measure(pose, sampled, best, length)
     narrow = leads_off_map(tile, template, best.pose, min_overlap)
-    return RefinedPeak(best.pose, best.correlation, best.overlap, best.information, best.covered, narrow, best.asked)
+    return RefinedPeak(
+        pose=best.pose,
+        correlation=best.correlation,
+        overlap=best.overlap,
+        information=best.information,
+        covered=best.covered,
+        narrow=narrow,
+        asked=best.asked,
+    )
 
 
 def _evidence(correlation: Float[Array, " batch"], pieces: Pieces) -> Float[Array, " batch"]:
@@ -306,14 +322,14 @@ def watch_finish(
     place = middle[None, None] + trail.position[..., :2] * reach[None, None]
     turned = hunt.centre[None, 2:] - prior[None, 2:5]
     return SwarmView(
-        place,
-        middle[None] + best[:, :2] * reach[None],
-        turned[None] + trail.position[..., 2:] * hunt.reach[None, None, 2:],
-        turned + best[:, 2:] * hunt.reach[None, 2:],
-        trail.best_score,
-        middle[0] + side * reach[0],
-        middle[1] + side * reach[1],
-        hunt.posterior(seen).reshape(_SEEN, _SEEN),
+        place_m=place,
+        best_m=middle[None] + best[:, :2] * reach[None],
+        attitude=turned[None] + trail.position[..., 2:] * hunt.reach[None, None, 2:],
+        best_attitude=turned + best[:, 2:] * hunt.reach[None, 2:],
+        best_score=trail.best_score,
+        along_m=middle[0] + side * reach[0],
+        cross_m=middle[1] + side * reach[1],
+        score=hunt.posterior(seen).reshape(_SEEN, _SEEN),
     )
 
 

@@ -191,7 +191,17 @@ class Registration:
                 track = Track(*(field[inside] for field in part.track))
                 kept = (part.number, part.filtered, part.valid, part.path_m, part.dead_reckoned_m)
                 number, filtered, valid, path, reckoned_m = (field[inside] for field in kept)
-                parts.append(LiveScans(number, filtered, valid, track, path, reckoned_m, part.settled))
+                parts.append(
+                    LiveScans(
+                        number=number,
+                        filtered=filtered,
+                        valid=valid,
+                        track=track,
+                        path_m=path,
+                        dead_reckoned_m=reckoned_m,
+                        settled=part.settled,
+                    )
+                )
         # As in the drive: the first scans have the background of the metres behind them.
         for part in parts:
             if not part.settled:
@@ -205,7 +215,14 @@ class Registration:
         track = track._replace(pose=track.pose + np.pad(offset, (2, 0)))
         # Dead reckoning goes by the log's heading.
         reckoned_m = reckoned_m @ rotation(offset[1]).T
-        scans = LiveScans(number, filtered, valid, track._replace(leg=-track.leg), path[-1] - path - path_m, reckoned_m)
+        scans = LiveScans(
+            number=number,
+            filtered=filtered,
+            valid=valid,
+            track=track._replace(leg=-track.leg),
+            path_m=path[-1] - path - path_m,
+            dead_reckoned_m=reckoned_m,
+        )
         assert isinstance(self.search, EvidenceSearch)
         self.search.begin_at(*start)
         return self._spread(scans, *self.search.feed(scans))

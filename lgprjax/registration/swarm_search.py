@@ -351,14 +351,14 @@ def _no_peaks(shape: tuple[int, ...]) -> Peaks:
     nothing = np.zeros(shape)
     none = np.zeros(shape, int)
     return Peaks(
-        np.zeros((*shape, 2)),
-        none,
-        off,
-        off.copy(),
-        nothing,
-        nothing.copy(),
-        nothing.copy(),
-        nothing.copy(),
-        np.zeros(shape, bool),
-        none.copy(),
+        point=np.zeros((*shape, 2)),
+        height=none,
+        score=off,
+        rival=off.copy(),
+        floor=nothing,
+        region_floor=nothing.copy(),
+        overlap=nothing.copy(),
+        area=nothing.copy(),
+        at_rim=np.zeros(shape, bool),
+        open_sides=none.copy(),
     )

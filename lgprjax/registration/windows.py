@@ -315,7 +315,9 @@ class WindowJudge:
             code = np.where(applies, int(reason), code)
         error_m = self._lattice.error_of(np.asarray(peak.point))
         offset = self._lattice.heights_m[peak.height][:, None] * np.eye(1, 5, 2)
-        return ChosenWindows(chosen, peak, foreign, code, begin, error_m, offset)
+        return ChosenWindows(
+            window=chosen, peak=peak, p_false=foreign, code=code, first=begin, error_m=error_m, offset=offset
+        )
 
     def _agreed(self, peaks: Peaks, good: Bool[np.ndarray, "end window"]) -> Bool[np.ndarray, "end window"]:
         """Accepted windows that lead to the place of the longest of them: a short one at a strong stone may not."""

@@ -319,14 +319,14 @@ def draw_look_ahead_sweep(
     short, long, slow, fast = (float(value) for value in tuned.schedule)
     chosen = np.linspace(speed_mps.min(), speed_mps.max(), _STEPS)
     shown = LookAheadSweep(
-        look_m,
-        speed_mps,
-        error,
-        cycle_cm,
-        "oscillation left, amplitude (cm)",
-        chosen,
-        np.interp(chosen, [slow, fast], [short, long]),
-        stability_limit(look_m, np.asarray(swept.margin_rad, np.float64)),
+        look_ahead_m=look_m,
+        speed_mps=speed_mps,
+        error_m=error,
+        oscillation=cycle_cm,
+        oscillation_label="oscillation left, amplitude (cm)",
+        chosen_mps=chosen,
+        chosen_m=np.interp(chosen, [slow, fast], [short, long]),
+        stable_m=stability_limit(look_m, np.asarray(swept.margin_rad, np.float64)),
     )
     draw_look_ahead(
         shown,

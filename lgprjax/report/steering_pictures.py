@@ -432,16 +432,16 @@ def draw_encoder(
     counts = np.linspace(pauses.counts.min(), pauses.counts.max(), _STEPS)
     one = np.ones_like(counts)
     shown = EncoderPicture(
-        signals.encoder_counts[known],
-        signals.potentiometer_v[known],
-        pauses.counts,
-        pauses.potentiometer_v,
-        pauses.direction > 0.0,
-        fitted_volts(fit, pauses.counts, pauses.direction),
-        counts,
-        fitted_volts(fit, counts, one),
-        fitted_volts(fit, counts, -one),
-        v_per_rad,
+        counts=signals.encoder_counts[known],
+        potentiometer_v=signals.potentiometer_v[known],
+        pause_counts=pauses.counts,
+        pause_v=pauses.potentiometer_v,
+        rising=pauses.direction > 0.0,
+        fitted_v=fitted_volts(fit, pauses.counts, pauses.direction),
+        line_counts=counts,
+        line_rising_v=fitted_volts(fit, counts, one),
+        line_falling_v=fitted_volts(fit, counts, -one),
+        v_per_rad=v_per_rad,
     )
     per_v, play = fit.counts_per_v, fit.hysteresis_counts
     caption = (

@@ -128,7 +128,15 @@ def read_cart_fixes(path: str | Path) -> CartFixes:
         raise InputError(file, "positions", "plausible positions with an accuracy", f"none: {notes[-1]}")
     latitude, longitude, height, sigma, quality = table[use][judged.kept].T
     utc_ns = np.rint(utc_s[use][judged.kept] * 1e9).astype(np.int64)
-    return CartFixes(utc_ns, latitude, longitude, height, sigma, quality.astype(np.int64), tuple(notes))
+    return CartFixes(
+        utc_ns=utc_ns,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        sigma_m=sigma,
+        quality=quality.astype(np.int64),
+        notes=tuple(notes),
+    )
 
 
 _CHECKED = re.compile(rb"\$[A-Z]{5},[ -#%-)+-~]{6,250}\*[0-9A-Fa-f]{2}")

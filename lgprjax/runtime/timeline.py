@@ -100,7 +100,15 @@ def timeline_of(records: Iterable[Record]) -> Timeline:
     for record in records:
         entries += reader.take(record)
     seconds = (reader.last_ns - reader.first_ns) / 1e9
-    return Timeline(tuple(entries), seconds, reader.engaged, reader.arrived, reader.to_go_m, None, reader.only_recorded)
+    return Timeline(
+        entries=tuple(entries),
+        seconds=seconds,
+        engaged=reader.engaged,
+        arrived=reader.arrived,
+        to_go_m=reader.to_go_m,
+        end=None,
+        only_recorded=reader.only_recorded,
+    )
 
 
 class _Reader:

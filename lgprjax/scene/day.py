@@ -146,7 +146,16 @@ _BARE = Cover(0.0, 0.0, index=1.0, attenuation_per_m=0.0, lift=0.0, reflectivity
 def usual_conditions(velocity_factor: float = 1.0) -> Conditions:
     """The ground of its config, without moisture of the day, skin and snow."""
     none = constant_field(0.0, WAVES)
-    return Conditions(velocity_factor, 1.0, none, none, 0.0, none, _BARE, np.zeros((0, 5)))
+    return Conditions(
+        velocity_factor=velocity_factor,
+        attenuation_factor=1.0,
+        moisture=none,
+        skin_m=none,
+        skin_slowness=0.0,
+        cover_m=none,
+        cover=_BARE,
+        trenches=np.zeros((0, 5)),
+    )
 
 
 def ground_on(ground: Ground, day: Day) -> tuple[Ground, Conditions]:

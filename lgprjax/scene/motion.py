@@ -101,7 +101,9 @@ def plan_motion(plan: DrivePlan, seed: int, road: Road | None = None) -> DriveMo
     rise = np.diff(surface_up(road, along, plan.lane_m + wave_value(wander, along))) / np.diff(along)
     stretch = np.hypot(np.hypot(forward, wave_slope(wander, middle)), rise)
     length = np.append(0.0, np.cumsum(stretch * np.diff(along)))
-    return DriveMotion(plan, wander, height, roll, along, length, road)
+    return DriveMotion(
+        plan=plan, wander=wander, height=height, roll=roll, arc_along_m=along, arc_length_m=length, road=road
+    )
 
 
 def scan_times(motion: DriveMotion) -> Float[np.ndarray, " scan"]:
@@ -251,7 +253,11 @@ class _Script:
         time_s = np.arange(int(np.floor(self.time_s[-1] / STEP_S)) + 1) * STEP_S
         angle = np.interp(time_s, self.time_s, self.angle_rad)
         return Manoeuvre(
-            time_s, angle, np.interp(time_s, self.time_s, self.speed_mps), np.full(time_s.size, 24.0), by_hand
+            time_s=time_s,
+            wanted_rad=angle,
+            speed_mps=np.interp(time_s, self.time_s, self.speed_mps),
+            supply_v=np.full(time_s.size, 24.0),
+            by_hand=by_hand,
         )
 
 
@@ -389,4 +395,12 @@ def step_pedals(
     throttle_commanded, brake_commanded = np.concatenate(throttle_parts), np.concatenate(brake_parts)
     zero = np.zeros(throttle_commanded.size)
     time_s = np.arange(zero.size) * STEP_S
-    return Manoeuvre(time_s, zero, zero, np.full(zero.size, 24.0), True, throttle_commanded, brake_commanded)
+    return Manoeuvre(
+        time_s=time_s,
+        wanted_rad=zero,
+        speed_mps=zero,
+        supply_v=np.full(zero.size, 24.0),
+        by_hand=True,
+        throttle=throttle_commanded,
+        brake=brake_commanded,
+    )

@@ -201,14 +201,14 @@ def step_other_plant(
     cos, sin = jnp.cos(moved.yaw_rad), jnp.sin(moved.yaw_rad)
     moved = VehiclePose(moved.x_m - sin * aside, moved.y_m + cos * aside, moved.yaw_rad + kick)
     return SkidPlantState(
-        moved,
-        wheels,
-        waiting,
-        slips,
-        state.left_m + wheels.left_mps * step_s,
-        state.right_m + wheels.right_mps * step_s,
-        speed,
-        (moved.yaw_rad - pose.yaw_rad) / step_s,
+        pose=moved,
+        wheels=wheels,
+        waiting=waiting,
+        slip=slips,
+        left_m=state.left_m + wheels.left_mps * step_s,
+        right_m=state.right_m + wheels.right_mps * step_s,
+        speed_mps=speed,
+        yaw_rate_radps=(moved.yaw_rad - pose.yaw_rad) / step_s,
     )
 
 
@@ -269,15 +269,15 @@ def read_other_sensors(
     counted = jnp.trunc(ways / _PULSE_M) * _PULSE_M
     left, right = counted / tick_s
     readings = SkidReadings(
-        left,
-        right,
-        measured,
-        model.reported_sigma_m,
-        model.late_ticks.astype(jnp.float32) * tick_s,
-        arrives & hears,
-        turned,
-        span_s,
-        speaks,
+        left_mps=left,
+        right_mps=right,
+        gnss_m=measured,
+        gnss_sigma_m=model.reported_sigma_m,
+        gnss_age_s=model.late_ticks.astype(jnp.float32) * tick_s,
+        gnss_valid=arrives & hears,
+        turn_rad=turned,
+        span_s=span_s,
+        turn_valid=speaks,
     )
     executed = jnp.where(speaks, pose.yaw_rad, state.commanded_rad)
     carried = LawState(left_s, direction, begun_s, ways - counted)

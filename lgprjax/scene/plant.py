@@ -88,7 +88,15 @@ def init_plant(
     """Initial state at a pose and a speed, wheels straight. ``delay_slots``: substeps of the servo's longest delay."""
     zero = jnp.zeros_like(pose.x_m)
     drive = init_drive(speed_mps)
-    return PlantState(pose, init_servo(zero, delay_slots=delay_slots), drive, zero, along_m, zero, speed_mps)
+    return PlantState(
+        pose=pose,
+        servo=init_servo(zero, delay_slots=delay_slots),
+        drive=drive,
+        travel_m=zero,
+        along_m=along_m,
+        yaw_rate_radps=zero,
+        speed_mps=speed_mps,
+    )
 
 
 def step_plant(
@@ -209,7 +217,16 @@ def init_skid_plant(plant: SkidPlant, pose: VehiclePose, key: PRNGKeyArray, *, d
     zero = jnp.zeros_like(pose.x_m)
     slip = plant.slip_sigma * jax.random.normal(key, (2,))
     waiting = jnp.zeros((delay_slots + 1, 2), jnp.float32)
-    return SkidPlantState(pose, WheelSpeeds(zero, zero), waiting, slip, zero, zero, zero, zero)
+    return SkidPlantState(
+        pose=pose,
+        wheels=WheelSpeeds(zero, zero),
+        waiting=waiting,
+        slip=slip,
+        left_m=zero,
+        right_m=zero,
+        speed_mps=zero,
+        yaw_rate_radps=zero,
+    )
 
 
 def turn_wheels(
@@ -252,14 +269,14 @@ def step_skid_plant(
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
     pose = VehiclePose(pose.x_m + cos * pushed - sin * slid, pose.y_m + sin * pushed + cos * slid, yaw + turned)
     return SkidPlantState(
-        pose,
-        WheelSpeeds(left, right),
-        waiting,
-        slip,
-        state.left_m + left * step_s,
-        state.right_m + right * step_s,
-        speed,
-        (pose.yaw_rad - state.pose.yaw_rad) / step_s,
+        pose=pose,
+        wheels=WheelSpeeds(left, right),
+        waiting=waiting,
+        slip=slip,
+        left_m=state.left_m + left * step_s,
+        right_m=state.right_m + right * step_s,
+        speed_mps=speed,
+        yaw_rate_radps=(pose.yaw_rad - state.pose.yaw_rad) / step_s,
     )
 
 
@@ -425,15 +442,15 @@ def read_skid_sensors(
         for wheel, error in zip(plant.wheels, noise[5:], strict=True)
     )
     readings = SkidReadings(
-        left,
-        right,
-        measured,
-        model.reported_sigma_m,
-        model.late_ticks.astype(jnp.float32) * tick_s,
-        arrives & hears,
-        turn,
-        span_s,
-        speaks,
+        left_mps=left,
+        right_mps=right,
+        gnss_m=measured,
+        gnss_sigma_m=model.reported_sigma_m,
+        gnss_age_s=model.late_ticks.astype(jnp.float32) * tick_s,
+        gnss_valid=arrives & hears,
+        turn_rad=turn,
+        span_s=span_s,
+        turn_valid=speaks,
     )
     executed = jnp.where(speaks, pose.yaw_rad, state.commanded_rad)
     return SkidSensorState(slow, measured, state.drift_radps, executed, state.scale), readings

@@ -244,7 +244,9 @@ class ReceiverFaults:
     dead_channels: tuple[int, ...] = ()
 
 
-NO_FAULTS = ReceiverFaults(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_FAULTS = ReceiverFaults(
+    gain_drift=0.0, phase_drift_rad=0.0, dropped_share=0.0, clipped_share=0.0, interference_share=0.0
+)
 
 
 class Response(NamedTuple):

@@ -384,7 +384,21 @@ def no_faults() -> SensorFaults:
     never, nothing = jnp.full(2, jnp.inf, jnp.float32), jnp.zeros(2, jnp.float32)
     late, zero, one = jnp.float32(jnp.inf), jnp.float32(0.0), jnp.float32(1.0)
     return SensorFaults(
-        never, never, late, nothing, late, nothing, never, never, never, zero, never, never, nothing, never, one
+        gnss_lost_s=never,
+        gnss_frozen_s=never,
+        gnss_jump_s=late,
+        gnss_jump_m=nothing,
+        gnss_drift_s=late,
+        gnss_drift_mps=nothing,
+        heading_lost_s=never,
+        odometer_lost_s=never,
+        slip_s=never,
+        slip=zero,
+        lgpr_lost_s=never,
+        lgpr_wrong_s=never,
+        lgpr_wrong_m=nothing,
+        lgpr_faded_s=never,
+        lgpr_faded=one,
     )
 
 
@@ -557,14 +571,14 @@ def read_live_sensors(
     first_s = model.gnss_ticks.astype(jnp.float32) * tick_s
     nothing_yet = frozen & (faults.gnss_frozen_s[0] <= first_s)
     readings = Readings(
-        reported_m,
-        due & ~nothing_yet & ~during(faults.gnss_lost_s, time_s),
-        yaw_rate_radps + bias + model.yaw_rate_noise / root_s * noise[7],
-        pose.yaw_rad + heading_slow + model.heading_sigma_rad * noise[8],
-        ~during(faults.heading_lost_s, time_s),
-        speed_mps * (1.0 + scale) * jnp.where(during(faults.slip_s, time_s), 1.0 + faults.slip, 1.0)
+        gnss_m=reported_m,
+        gnss_valid=due & ~nothing_yet & ~during(faults.gnss_lost_s, time_s),
+        yaw_rate_radps=yaw_rate_radps + bias + model.yaw_rate_noise / root_s * noise[7],
+        heading_rad=pose.yaw_rad + heading_slow + model.heading_sigma_rad * noise[8],
+        heading_valid=~during(faults.heading_lost_s, time_s),
+        odometer_mps=speed_mps * (1.0 + scale) * jnp.where(during(faults.slip_s, time_s), 1.0 + faults.slip, 1.0)
         + model.odometer_mps * noise[9],
-        ~during(faults.odometer_lost_s, time_s),
+        odometer_valid=~during(faults.odometer_lost_s, time_s),
     )
     return LiveSensorState(slow, bias, heading_slow, scale, reported_m), readings
 

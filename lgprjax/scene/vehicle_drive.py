@@ -343,16 +343,16 @@ def drive_manoeuvre(vehicle: TrueVehicle, manoeuvre: Manoeuvre) -> DriveTruth:
     north = np.cumsum(np.sin(before) * forward + np.cos(before) * left)
     rear = -np.asarray(rear_angle(chassis.rear, front)[0], np.float64)[: wheel.size]
     return DriveTruth(
-        time_s,
-        east,
-        north,
-        yaw,
-        np.cumsum(step_m),
-        speed,
-        wheel,
-        rear,
-        _steering_angle(vehicle, motor),
-        _steering_angle(vehicle, wheel),
+        time_s=time_s,
+        east_m=east,
+        north_m=north,
+        yaw_rad=yaw,
+        travel_m=np.cumsum(step_m),
+        speed_mps=speed,
+        front_rad=wheel,
+        rear_rad=rear,
+        motor_rad=_steering_angle(vehicle, motor),
+        steering_rad=_steering_angle(vehicle, wheel),
     )
 
 
@@ -515,7 +515,13 @@ def draw_vehicle_fixes(
     pose[~found], covariance[~found] = np.nan, np.nan
     sigma_m = (float(reported[0]), float(reported[1]))
     return VehicleFixes(
-        truth.time_s[scan], found, pose, covariance, sigma_m, float(errors.strength), float(errors.p_false)
+        time_s=truth.time_s[scan],
+        found=found,
+        pose=pose,
+        covariance=covariance,
+        sigma_m=sigma_m,
+        strength=float(errors.strength),
+        p_false=float(errors.p_false),
     )
 
 

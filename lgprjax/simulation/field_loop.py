@@ -303,14 +303,14 @@ def _start(spec: FieldLoopSpec, world: FieldWorld, route: CoverRoute, key: PRNGK
     if world.largest_base_m is not None:
         laws = draw_other_laws(jax.random.fold_in(key, 1), largest_base_m=world.largest_base_m), init_law_state()
     return FieldState(
-        track_m,
-        init_skid_plant(world.plant, pose, plant_key, delay_slots=spec.delay_slots),
-        init_skid_sensors(world.sensors, pose.yaw_rad, sensor_key),
-        skid,
-        skid.limiter.last,
-        init_handover(),
-        jnp.int32(0),
-        laws,
+        track_m=track_m,
+        plant=init_skid_plant(world.plant, pose, plant_key, delay_slots=spec.delay_slots),
+        sensors=init_skid_sensors(world.sensors, pose.yaw_rad, sensor_key),
+        skid=skid,
+        command=skid.limiter.last,
+        handover=init_handover(),
+        tick=jnp.int32(0),
+        laws=laws,
     )
 
 
@@ -374,7 +374,16 @@ def _tick(
     sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
     stop = (info.reaction == Reaction.STOP) | info.edge_predicted
     handover = step_handover(state.handover, sound=sound, stop=stop)
-    return FieldState(state.track_m, plant, sensors, skid, command, handover, tick, laws), info
+    return FieldState(
+        track_m=state.track_m,
+        plant=plant,
+        sensors=sensors,
+        skid=skid,
+        command=command,
+        handover=handover,
+        tick=tick,
+        laws=laws,
+    ), info
 
 
 def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:

@@ -291,7 +291,7 @@ def _read_named(kind: type[Config], place: TableKey, table: object, known: Mappi
 
 def _read_drive(place: TableKey, entry: object, site: Site, choices: _Choices) -> SiteDrive:
     table, header = as_table(place, entry), site.header
-    base = DrivePlan(0.0, site.ground.length_m, scan_rate_hz=site.array.scan_rate_hz)
+    base = DrivePlan(start_m=0.0, stop_m=site.ground.length_m, scan_rate_hz=site.array.scan_rate_hz)
     withheld = {"scan_rate_hz": "scan_rate_hz in [array]"}
     plan = fill_config(DrivePlan, place, table, base=base, elsewhere=_DRIVE_KEYS, withheld=withheld)
     name = table.get("name")

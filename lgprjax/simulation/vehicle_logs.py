@@ -302,7 +302,7 @@ _PITCH_M, _SCAN_HZ, _BLOCK_SCANS = 0.127, 31.5, 8
 """Spacing of the channels; every fourth scan of a radar of 126 Hz; scans rendered together, within 3 m."""
 _BEYOND_M, _HALF_WIDTH_M, _GROUND_M = 20.0, 5.0, 1000.0
 """Ground beyond both ends of the course, to its sides, and in one piece: the same under a course that is longer."""
-_BODY = DrivePlan(0.0, 1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radians(0.8)))
+_BODY = DrivePlan(start_m=0.0, stop_m=1.0, height_sigma_m=0.015, roll_sigma_rad=float(np.radians(0.8)))
 """Motion of a vehicle on its springs, as off road."""
 
 
@@ -379,4 +379,11 @@ def _track(
     """Level poses of a local frame on the globe."""
     latitude, longitude, height = frame.to_geodetic(east_m, north_m, np.zeros_like(east_m))
     heading = frame.heading_of_yaw(yaw_rad, longitude)
-    return NavigationTrack(time_s, latitude, longitude, height, heading, np.zeros_like(east_m))
+    return NavigationTrack(
+        time_s=time_s,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        heading_deg=heading,
+        roll_deg=np.zeros_like(east_m),
+    )

@@ -132,7 +132,7 @@ MANOEUVRES = {
 def stand_still() -> Manoeuvre:
     """Standstill without commands."""
     nothing = np.zeros(1)
-    return Manoeuvre(nothing, nothing, nothing, nothing, by_hand=True)
+    return Manoeuvre(time_s=nothing, wanted_rad=nothing, speed_mps=nothing, supply_v=nothing, by_hand=True)
 
 
 _ALONG_COURSES = ("tracking", "course")
@@ -232,7 +232,9 @@ def drive_course(
     time_s, speed = time_s[:steps], speed[:steps]
     command = np.concatenate([np.zeros(led), np.asarray(trace.command_rad, np.float64)[: steps - led]])
     mode = np.where(by_hand | (np.arange(steps) < led), int(Mode.MANUAL), int(Mode.SPEED))
-    manoeuvre = Manoeuvre(time_s, command, speed, np.full(steps, volts), by_hand=by_hand)
+    manoeuvre = Manoeuvre(
+        time_s=time_s, wanted_rad=command, speed_mps=speed, supply_v=np.full(steps, volts), by_hand=by_hand
+    )
     course = DrivenCourse(path, vehicle.array_x_m, curvature, offset_m, mode, np.full(steps, speed_mps))
     return manoeuvre, course
 
@@ -367,7 +369,15 @@ def read_vehicle_plan(path: str | Path) -> VehiclePlan:
         if drive.radar is not None and stated is None:
             raise root.at("vehicle_file").refuse("a vehicle file with [array], for drives with radar", "none")
         drives[drive.name] = drive
-    return VehiclePlan(root.file, seed, stated, vehicle, serial_number, frame, tuple(drives.values()))
+    return VehiclePlan(
+        file=root.file,
+        seed=seed,
+        stated=stated,
+        vehicle=vehicle,
+        serial_number=serial_number,
+        frame=frame,
+        drives=tuple(drives.values()),
+    )
 
 
 def true_vehicle(table: dict[str, Any], place: TableKey, array_x_m: float) -> TrueVehicle:
@@ -434,11 +444,22 @@ def _drive(
     if word not in _ALONG_COURSES:
         manoeuvre = kind.make(vehicle, given)
         manoeuvre = manoeuvre._replace(supply_v=np.full(manoeuvre.time_s.size, vehicle.nominal_v))
-        return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors)
+        return PlannedVehicleDrive(
+            name=name, manoeuvre=manoeuvre, sensors=own, seed=own_seed, fixes=fixes, fix_errors=errors
+        )
     if min(abs(radius) for radius in given["radii_m"]) < _LEAST_RADIUS_M:
         raise place.at("radii_m").refuse(f"bends of {_LEAST_RADIUS_M:g} m or more", f"{given['radii_m']}"[:60])
     manoeuvre, course = drive_course(vehicle, **given, by_hand=word == "course")
-    return PlannedVehicleDrive(name, manoeuvre, own, own_seed, fixes, errors, course, radar)
+    return PlannedVehicleDrive(
+        name=name,
+        manoeuvre=manoeuvre,
+        sensors=own,
+        seed=own_seed,
+        fixes=fixes,
+        fix_errors=errors,
+        course=course,
+        radar=radar,
+    )
 
 
 def _fixes(place: TableKey, day: object) -> tuple[str | None, FixErrors | None]:

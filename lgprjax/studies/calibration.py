@@ -47,93 +47,96 @@ class CalibrationStep(NamedTuple):
 _PEDAL_KEYS = ("pre_tension", "dead_zone", "gain_mps2", "lag_s")
 STEPS = (
     CalibrationStep(
-        "straight",
-        "Straight line",
-        ("Drive straight ahead by hand for 100 m at 2 to 3 m/s, the steering wheel hardly turned.", "Then stop."),
-        "none",
-        ("steering.straight_potentiometer_v",),
-        ("navigation.gnss_x_m",),
-        (StepStudy("straight", "straight"),),
+        name="straight",
+        title="Straight line",
+        prompt=(
+            "Drive straight ahead by hand for 100 m at 2 to 3 m/s, the steering wheel hardly turned.",
+            "Then stop.",
+        ),
+        commands="none",
+        finds=("steering.straight_potentiometer_v",),
+        needs=("navigation.gnss_x_m",),
+        studies=(StepStudy("straight", "straight"),),
     ),
     CalibrationStep(
-        "palm_tree",
-        "Palm tree",
-        (
+        name="palm_tree",
+        title="Palm tree",
+        prompt=(
             "Turn the steering wheel fully to the left. Wait 2 s.",
             "Drive a quarter of a circle (at most 25 m) at 1.5 m/s, wait 2 s, drive back to the start, wait 2 s.",
             "Turn the wheel half a turn to the right (a quarter, if it has fewer than three turns) and repeat,",
             "until it is fully at the right.",
         ),
-        "none",
-        ("steering.rear_ratio", "steering.potentiometer_v_per_rad", "wheel_map.front_rad"),
-        ("chassis.wheelbase_m", "navigation.gnss_x_m"),
-        (StepStudy("rear_ratio", "palm_tree"), StepStudy("wheel_angle", "palm_tree")),
+        commands="none",
+        finds=("steering.rear_ratio", "steering.potentiometer_v_per_rad", "wheel_map.front_rad"),
+        needs=("chassis.wheelbase_m", "navigation.gnss_x_m"),
+        studies=(StepStudy("rear_ratio", "palm_tree"), StepStudy("wheel_angle", "palm_tree")),
     ),
     CalibrationStep(
-        "turns",
-        "Turning tests",
-        (
+        name="turns",
+        title="Turning tests",
+        prompt=(
             "Hold the wheels some 6 degrees to the left for 12 s at 1 m/s, then as much to the right for 12 s.",
             "Repeat at 2, 3.5, 5 and 6.5 m/s, or as fast as is safe: the fastest at least twice the slowest.",
             "Then stop.",
         ),
-        "none",
-        ("steering.characteristic_speed_mps",),
-        ("wheel_map.front_rad",),
+        commands="none",
+        finds=("steering.characteristic_speed_mps",),
+        needs=("wheel_map.front_rad",),
         # The palm tree is fitted again, because the slip is known now.
-        (StepStudy("yaw_gain", "turns"), StepStudy("wheel_angle", "palm_tree")),
+        studies=(StepStudy("yaw_gain", "turns"), StepStudy("wheel_angle", "palm_tree")),
     ),
     CalibrationStep(
-        "half_turns",
-        "Half turns of the steering wheel",
-        (
+        name="half_turns",
+        title="Half turns of the steering wheel",
+        prompt=(
             "Stand still. Turn the steering wheel fully to the right. Wait 3 s.",
             "Turn it to the left in half turns, each with a pause of 3 s, to the stop.",
             "Turn it back to the right in the same way.",
         ),
-        "none",
-        ("steering.encoder_counts_per_v", "steering.encoder_counts_per_rad"),
-        ("steering.potentiometer_v_per_rad",),
-        (StepStudy("encoder", "half_turns"),),
+        commands="none",
+        finds=("steering.encoder_counts_per_v", "steering.encoder_counts_per_rad"),
+        needs=("steering.potentiometer_v_per_rad",),
+        studies=(StepStudy("encoder", "half_turns"),),
     ),
     CalibrationStep(
-        "steering",
-        "Steering steps",
-        (
+        name="steering",
+        title="Steering steps",
+        prompt=(
             "Stand still on level ground. Keep people away from the wheels.",
             "Press the steering button: the wheels turn by themselves for 70 s.",
             "Override, or a hand on the steering wheel, ends it.",
         ),
-        "steering",
-        ("steering.lag_s", "steering.largest_wheel_rate_radps", "steering.dead_band_rad"),
-        ("steering.encoder_counts_per_rad",),
-        (StepStudy("servo", "steering"),),
+        commands="steering",
+        finds=("steering.lag_s", "steering.largest_wheel_rate_radps", "steering.dead_band_rad"),
+        needs=("steering.encoder_counts_per_rad",),
+        studies=(StepStudy("servo", "steering"),),
     ),
     CalibrationStep(
-        "pedals",
-        "Pedal steps",
-        (
+        name="pedals",
+        title="Pedal steps",
+        prompt=(
             "Stand at the beginning of a level, straight and empty stretch. Nobody is ahead of the vehicle.",
             "Press the steering button, then plus: the vehicle drives 14 times from standstill to standstill.",
             "At the end of the stretch it stops: press override, turn round by hand, and engage again.",
         ),
-        "pedals",
-        (
+        commands="pedals",
+        finds=(
             *(f"{pedal}.{key}" for pedal in ("throttle", "brake") for key in _PEDAL_KEYS),
             "resistance.rolling_mps2",
             "resistance.drag_per_s",
         ),
-        ("steering.lag_s",),
-        (StepStudy("pedals", "pedals"),),
+        needs=("steering.lag_s",),
+        studies=(StepStudy("pedals", "pedals"),),
     ),
     CalibrationStep(
-        "look_ahead",
-        "Look-ahead",
-        ("Nothing is driven: the look-ahead is fitted to the numbers found.",),
-        "none",
-        tuple(f"pursuit.{key}" for key in ("short_m", "long_m", "slow_mps", "fast_mps")),
-        ("steering.lag_s",),
-        (StepStudy("look_ahead", ""),),
+        name="look_ahead",
+        title="Look-ahead",
+        prompt=("Nothing is driven: the look-ahead is fitted to the numbers found.",),
+        commands="none",
+        finds=tuple(f"pursuit.{key}" for key in ("short_m", "long_m", "slow_mps", "fast_mps")),
+        needs=("steering.lag_s",),
+        studies=(StepStudy("look_ahead", ""),),
     ),
 )
 """Calibration steps in the order in which they are driven."""
@@ -204,7 +207,16 @@ def fit_step(step: CalibrationStep, vehicle: VehicleFile, logs: dict[str, Path],
         vehicle = _prepared(vehicle, kind, log)
         write_vehicle(scratch, vehicle, force=True)
         options: dict[str, Any] = {}
-        study = Study(scratch, kind, kind, scratch, vehicle.serial_number, () if log is None else (log,), (), options)
+        study = Study(
+            file=scratch,
+            name=kind,
+            kind=kind,
+            vehicle=scratch,
+            serial_number=vehicle.serial_number,
+            logs=() if log is None else (log,),
+            held_out=(),
+            options=options,
+        )
         done = run_study(study)
         vehicle = _completed(done.vehicle, kind)
         finished.append(done)

@@ -143,18 +143,18 @@ def _of_log(vehicle: VehicleFile, path: FilePath, log: VehicleLog, ticked: Ticke
         offset = np.interp(time_s, at, off, left=np.nan, right=np.nan)
     speed = speed_of(log.odometry.time_s, log.odometry.distance_m, time_s)
     return LoopDrive(
-        path,
-        time_s,
-        command,
-        front,
-        signal("rear_wheel_angle_rad"),
-        signal("supply_v"),
-        speed,
-        signal("yaw_rate_radps"),
-        engaged,
-        commanded,
-        offset,
-        ticked,
+        path=path,
+        time_s=time_s,
+        command_rad=command,
+        front_rad=front,
+        rear_rad=signal("rear_wheel_angle_rad"),
+        supply_v=signal("supply_v"),
+        speed_mps=speed,
+        yaw_rate_radps=signal("yaw_rate_radps"),
+        engaged=engaged,
+        commanded=commanded,
+        offset_m=offset,
+        ticked=ticked,
     )
 
 
@@ -188,18 +188,18 @@ def _of_run(vehicle: VehicleFile, vehicle_path: FilePath, folder: FilePath) -> L
     none = np.full(len(time_s), np.nan)
     del vehicle, vehicle_path
     return LoopDrive(
-        folder,
-        time_s,
-        held["command"][:, 0].astype(np.float64),
-        held["front_rad"].astype(np.float64),
-        none,
-        signals.box["supply_v"].astype(np.float64),
-        speed_of(time_s, signals.travel_m, time_s),
-        np.interp(at, signals.prior_ns, signals.prior["yaw_rate_radps"]),
-        engaged,
-        engaged,
-        np.interp(time_s, plan_s, signals.plan["cross_track_m"].astype(np.float64), left=np.nan, right=np.nan),
-        _ticked_run(signals.prior, seconds(signals.prior_ns), time_s, signals.travel_m, fixes, zero_ns),
+        path=folder,
+        time_s=time_s,
+        command_rad=held["command"][:, 0].astype(np.float64),
+        front_rad=held["front_rad"].astype(np.float64),
+        rear_rad=none,
+        supply_v=signals.box["supply_v"].astype(np.float64),
+        speed_mps=speed_of(time_s, signals.travel_m, time_s),
+        yaw_rate_radps=np.interp(at, signals.prior_ns, signals.prior["yaw_rate_radps"]),
+        engaged=engaged,
+        commanded=engaged,
+        offset_m=np.interp(time_s, plan_s, signals.plan["cross_track_m"].astype(np.float64), left=np.nan, right=np.nan),
+        ticked=_ticked_run(signals.prior, seconds(signals.prior_ns), time_s, signals.travel_m, fixes, zero_ns),
     )
 
 
@@ -295,7 +295,16 @@ def smoothed(task: Task, drive: LoopDrive) -> SmoothedDrive:
     sigma = np.sqrt(np.maximum(np.einsum("tp,tpq,tq->t", side, covariance[:, :2, :2], side), 0.0))
     rate = np.gradient(yaw, drive.ticked.time_s)
     used = int(np.asarray(info.accepted)[:count, 3].sum())
-    return SmoothedDrive(drive.ticked.time_s, mean[:, 0], mean[:, 1], yaw, sigma, mean[:, 3], rate, used)
+    return SmoothedDrive(
+        time_s=drive.ticked.time_s,
+        x_m=mean[:, 0],
+        y_m=mean[:, 1],
+        yaw_rad=yaw,
+        sigma_m=sigma,
+        speed_mps=mean[:, 3],
+        yaw_rate_radps=rate,
+        fixes=used,
+    )
 
 
 def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
@@ -320,7 +329,16 @@ def loop_logs(drives: list[LoopDrive], servo: Servo) -> LoopLogs:
         flag[len(lanes) :] = False
     command, share, speed, front, rate = (jnp.asarray(column, jnp.float32) for column in columns[:5])
     front_used, yaw_used, placed = (jnp.asarray(flag) for flag in columns[5:])
-    return LoopLogs(command, share, speed, front, rate, front_used, yaw_used, placed)
+    return LoopLogs(
+        command_rad=command,
+        share=share,
+        speed_mps=speed,
+        front_rad=front,
+        yaw_rate_radps=rate,
+        front_used=front_used,
+        yaw_used=yaw_used,
+        placed=placed,
+    )
 
 
 def _lane(drive: LoopDrive, servo: Servo) -> tuple[np.ndarray, ...]:

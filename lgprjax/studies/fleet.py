@@ -186,7 +186,7 @@ def _number(path: str, vehicles: Sequence[VehicleFile], newest: Bool[np.ndarray,
         mean = np.average(value[known], weights=weight)
         p = float(chdtrc(len(weight) - 1, np.sum(weight * (value[known] - mean) ** 2)))
     spread = float(np.nanmax(value) - np.nanmin(value))
-    return FleetNumber(path, value, low, high, sigma, spread, p, differs=False)
+    return FleetNumber(path=path, value=value, low=low, high=high, sigma=sigma, spread=spread, p=p, differs=False)
 
 
 def _newest(vehicles: Sequence[VehicleFile]) -> Bool[np.ndarray, " vehicle"]:
@@ -207,7 +207,18 @@ def _drifts(names: Sequence[str], vehicles: Sequence[VehicleFile], numbers: Sequ
                 change = float(number.value[last] - number.value[first])
                 sigma = float(np.hypot(number.sigma[first], number.sigma[last]))
                 p = float(chdtrc(1, (change / sigma) ** 2))
-                drifts.append(Drift(each, number.path, names[first], names[last], change, sigma, p, differs=False))
+                drifts.append(
+                    Drift(
+                        serial_number=each,
+                        path=number.path,
+                        first=names[first],
+                        last=names[last],
+                        change=change,
+                        sigma=sigma,
+                        p=p,
+                        differs=False,
+                    )
+                )
     return drifts
 
 

@@ -300,13 +300,13 @@ def fitted_vehicle(believed: Chassis, fit: LoopFit) -> tuple[Chassis, Servo]:
     speed = jnp.maximum(value["slip_s2pm2"], 1e-6) ** -0.5
     one, zero = jnp.float32(1.0), jnp.float32(0.0)
     servo = Servo(
-        value["lag_s"],
-        value["rate_radps"],
-        jnp.maximum(value["delay_s"], 0.0),
-        jnp.maximum(value["dead_band_rad"], 0.0),
-        fit.prior.backlash_rad,
-        value["asymmetry"],
-        one,
-        zero,
+        lag_s=value["lag_s"],
+        rate_radps=value["rate_radps"],
+        delay_s=jnp.maximum(value["delay_s"], 0.0),
+        dead_band_rad=jnp.maximum(value["dead_band_rad"], 0.0),
+        backlash_rad=fit.prior.backlash_rad,
+        asymmetry=value["asymmetry"],
+        nominal_v=one,
+        stall_v=zero,
     )
     return believed._replace(rear=rear, characteristic_speed_mps=speed), servo

@@ -335,7 +335,15 @@ def _judge(model: FilterModel, settings: SwitchSettings, drive: LoggedDrive, tic
     driven = slice(len(ticked.time_s))
     estimates, smoothed, info = jax.tree.map(lambda leaf: leaf[driven], (estimates, smoothed, info))
     poses = np.stack([np.asarray(part, np.float64)[driven] for part in switched], axis=1)
-    return JudgedDrive(drive.path.name, ticked.time_s, info, estimates, smoothed, poses, ticked.truth)
+    return JudgedDrive(
+        name=drive.path.name,
+        time_s=ticked.time_s,
+        info=info,
+        filtered=estimates,
+        smoothed=smoothed,
+        switched=poses,
+        truth=ticked.truth,
+    )
 
 
 @jax.jit

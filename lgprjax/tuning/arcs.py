@@ -85,16 +85,16 @@ def fit_circles(
     scale = _scale(distance, valid, count)
     variance, masked = _variance(distance, valid, count, scale), np.where(valid[..., None], slopes, 0.0)
     return Circles(
-        offset,
-        direction,
-        curvature,
-        variance,
-        variance[:, None, None] * np.linalg.inv(np.einsum("arp,arq->apq", masked, masked)),
-        valid,
-        distance,
-        tangent,
-        arc,
-        scale,
+        offset_m=offset,
+        direction_rad=direction,
+        curvature_radpm=curvature,
+        variance_m2=variance,
+        covariance=variance[:, None, None] * np.linalg.inv(np.einsum("arp,arq->apq", masked, masked)),
+        used=valid,
+        residual_m=distance,
+        tangent_rad=tangent,
+        arc_m=arc,
+        scatter_m=scale,
     )
 
 
@@ -322,7 +322,15 @@ def find_stretches(
         raise NotExcitedError("steering", expected, found)
     starts, stops, senses, settings, sigmas = (np.asarray(column) for column in zip(*kept, strict=True))
     number = np.concatenate([[0], np.cumsum(np.abs(np.diff(settings)) > _SAME_SHARE * span + 3.0 * noise)])
-    return Stretches(starts, stops, senses, settings, sigmas, number, {why: n for why, n in dropped.items() if n})
+    return Stretches(
+        start=starts,
+        stop=stops,
+        sense=senses,
+        steering=settings,
+        sigma_steering=sigmas,
+        setting=number,
+        dropped={why: n for why, n in dropped.items() if n},
+    )
 
 
 def choose_stretches(stretches: Stretches, keep: Bool[np.ndarray, " all"], reason: str) -> Stretches:
@@ -430,16 +438,16 @@ def fit_arcs(signals: DriveSignals, stretches: Stretches) -> Arcs:
         covariance[:, 1, 1] + 2.0 * middle_m * covariance[:, 1, 2] + middle_m**2 * covariance[:, 2, 2]
     )
     return Arcs(
-        kept,
-        kept.sense * circles.curvature_radpm,
-        np.sqrt(covariance[:, 2, 2]),
-        slip,
-        np.hypot(sigma_heading, sigma_tangent),
-        _paces(way_m, time_s, circles.used) * _unevenness(signals.travel_m[record], time_s, circles.used),
-        np.sum(np.where(circles.used, time_s, 0.0), axis=1) / count,
-        circles.scatter_m,
-        memory,
-        heading_memory,
+        stretches=kept,
+        curvature_radpm=kept.sense * circles.curvature_radpm,
+        sigma_radpm=np.sqrt(covariance[:, 2, 2]),
+        slip_rad=slip,
+        sigma_slip_rad=np.hypot(sigma_heading, sigma_tangent),
+        speed_mps=_paces(way_m, time_s, circles.used) * _unevenness(signals.travel_m[record], time_s, circles.used),
+        time_s=np.sum(np.where(circles.used, time_s, 0.0), axis=1) / count,
+        scatter_m=circles.scatter_m,
+        memory=memory,
+        heading_memory=heading_memory,
     )
 
 

@@ -126,14 +126,14 @@ def drawn_vehicles(chassis: Chassis, prior: LoopPrior, draws: Float[Array, "draw
         jax.lax.rsqrt(jnp.maximum(number["slip_s2pm2"], 1e-6)),
     )
     servo = Servo(
-        number["lag_s"],
-        number["rate_radps"],
-        number["delay_s"],
-        number["dead_band_rad"],
-        prior.backlash_rad * one,
-        number["asymmetry"],
-        one,
-        0.0 * one,
+        lag_s=number["lag_s"],
+        rate_radps=number["rate_radps"],
+        delay_s=number["delay_s"],
+        dead_band_rad=number["dead_band_rad"],
+        backlash_rad=prior.backlash_rad * one,
+        asymmetry=number["asymmetry"],
+        nominal_v=one,
+        stall_v=0.0 * one,
     )
     return DrawnVehicles(drawn, servo, chassis)
 
@@ -304,7 +304,15 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
     judged = _over_draws(lambda some: _judged(trials, config.shares, some, schedule), vehicles)
     low, high = np.percentile(best, [2.5, 97.5], axis=0)
     return TunedOnDraws(
-        schedule, min(config.shares), judged, speeds, np.array(config.shares), best, low, high, np.array(history)
+        schedule=schedule,
+        least_share=min(config.shares),
+        judged=judged,
+        speeds_mps=speeds,
+        shares=np.array(config.shares),
+        best_m=best,
+        low_m=low,
+        high_m=high,
+        history_m=np.array(history),
     )
 
 
@@ -452,7 +460,16 @@ def _sensitivity(
     one = jnp.ones_like(command)[None]
     true = one > 0.0
     first = jnp.arange(len(command))[None] == 0
-    logs = LoopLogs(command[None], one, speed * one, 0.0 * one, 0.0 * one, true, true, first)
+    logs = LoopLogs(
+        command_rad=command[None],
+        share=one,
+        speed_mps=speed * one,
+        front_rad=0.0 * one,
+        yaw_rate_radps=0.0 * one,
+        front_used=true,
+        yaw_used=true,
+        placed=first,
+    )
     slopes: Float[Array, "output step number"] = jnp.stack(
         [part[0] for part in jax.jacfwd(lambda at: loop_model(prior, logs, at))(place)]
     )

@@ -361,14 +361,24 @@ def find_limit_cycle(
     correlation = _autocorrelation(offset, int(longest / _STEP_S) + 1)
     lag = _first_peak(correlation)
     if lag is None:
-        return LimitCycle(False, 0.0, float("nan"), 0.0, 0.0, 0.0, 0.0)
+        return LimitCycle(
+            found=False, peak_to_peak_m=0.0, period_s=float("nan"), periods=0.0, repeats=0.0, mirrored=0.0, lasts=0.0
+        )
     period_s = lag * _STEP_S
     sizes = _peak_to_peak(offset, lag)
     halves = np.median(sizes[: (len(sizes) + 1) // 2]), np.median(sizes[len(sizes) // 2 :])
     size, lasts = float(np.median(sizes)), float(min(halves) / max(max(halves), 1e-12))
     repeats, mirrored = float(correlation[lag]), float(-correlation[lag // 2])
     found = size >= least_m and repeats >= _REPEATS and mirrored >= _REPEATS and lasts >= _LASTS
-    return LimitCycle(bool(found), size, period_s, span_s / period_s, repeats, mirrored, lasts)
+    return LimitCycle(
+        found=bool(found),
+        peak_to_peak_m=size,
+        period_s=period_s,
+        periods=span_s / period_s,
+        repeats=repeats,
+        mirrored=mirrored,
+        lasts=lasts,
+    )
 
 
 def _smooth(values: Float[np.ndarray, " time"], over_s: float) -> Float[np.ndarray, " time"]:

@@ -156,14 +156,14 @@ def loop_model(
     lag, delay, rate, dead_band, asymmetry, ratio, slip, zero, late = values_of(prior, place)
     still = jnp.zeros_like(lag)
     servo = Servo(
-        lag,
-        rate,
-        still,
-        jnp.maximum(dead_band, 0.0),
-        prior.backlash_rad,
-        asymmetry,
-        jnp.ones_like(lag),
-        still,
+        lag_s=lag,
+        rate_radps=rate,
+        delay_s=still,
+        dead_band_rad=jnp.maximum(dead_band, 0.0),
+        backlash_rad=prior.backlash_rad,
+        asymmetry=asymmetry,
+        nominal_v=jnp.ones_like(lag),
+        stall_v=still,
     )
 
     def step(state: ServoState, inputs: tuple[Array, Array, Array, Array]) -> tuple[ServoState, Array]:
@@ -410,7 +410,16 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
     price = jnp.where(reached, price, 0.5 * node**2 + jnp.where(slower, jnp.maximum(cost - cost[-1], 0.0), 0.0))
     weight = jax.nn.softmax(jnp.log(jnp.asarray(jnp.gradient(node))) - (price - jnp.min(price)))
     limit = fastest / likeliest[RATE]
-    return LoopPosterior(places, weight, roots, seen.scale.T, memory, blocks, limit, weight @ left)
+    return LoopPosterior(
+        place=places,
+        weight=weight,
+        root=roots,
+        scale=seen.scale.T,
+        memory=memory,
+        blocks=blocks,
+        limit_share=limit,
+        left=weight @ left,
+    )
 
 
 @jax.jit

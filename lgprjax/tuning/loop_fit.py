@@ -98,15 +98,15 @@ def summarise(prior: LoopPrior, posterior: LoopPosterior) -> LoopFit:
         narrowed[name] = float(np.sqrt(variance[number]))
     told = tuple(name for name in NAMES if narrowed[name] <= TOLD_SHARE)
     return LoopFit(
-        numbers,
-        told,
-        narrowed,
-        "rate_radps" not in told,
-        np.asarray(posterior.limit_share, np.float64),
-        np.asarray(posterior.scale, np.float64),
-        jnp.asarray(mean, jnp.float32),
-        posterior,
-        prior,
+        numbers=numbers,
+        told=told,
+        narrowed=narrowed,
+        rate_bounded="rate_radps" not in told,
+        limit_share=np.asarray(posterior.limit_share, np.float64),
+        scale=np.asarray(posterior.scale, np.float64),
+        place=jnp.asarray(mean, jnp.float32),
+        posterior=posterior,
+        prior=prior,
     )
 
 

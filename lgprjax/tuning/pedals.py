@@ -412,7 +412,13 @@ def fit_pedals(signals: DriveSignals) -> PedalsFit:
         for name, v, s in zip(PEDAL_NAMES, value, sigma, strict=True)
     ]
     return PedalsFit(
-        PedalFit(*found[:4]), PedalFit(*found[4:8]), found[8], found[9], scale, float(fit.rms_m[0]), runs.runs
+        throttle=PedalFit(*found[:4]),
+        brake=PedalFit(*found[4:8]),
+        rolling_mps2=found[8],
+        drag_per_s=found[9],
+        metres_per_odometer_metre=scale,
+        rms_m=float(fit.rms_m[0]),
+        runs=runs.runs,
     )
 
 

@@ -343,16 +343,16 @@ def _result(
     residual = pauses.potentiometer_v - fitted.design @ fit.coefficients
     kept = np.abs(residual[fit.weight > 0.0] / slope.value)
     return EncoderFit(
-        counts_per_v,
-        reference_v,
-        estimate(centre + half * at, value.sigma / abs(slope.value), fit.degrees),
-        estimate(float(apart), float(np.sqrt(apart_row @ fit.covariance @ apart_row)), fit.degrees),
-        np.asarray(curve(np.polynomial.Polynomial([at, 1.0 / half])).coef),
-        why,
-        float(np.sqrt(np.mean(kept**2))),
-        float(np.max(kept)),
-        pauses,
-        fit.weight,
+        counts_per_v=counts_per_v,
+        reference_v=reference_v,
+        reference_counts=estimate(centre + half * at, value.sigma / abs(slope.value), fit.degrees),
+        hysteresis_counts=estimate(float(apart), float(np.sqrt(apart_row @ fit.covariance @ apart_row)), fit.degrees),
+        volts=np.asarray(curve(np.polynomial.Polynomial([at, 1.0 / half])).coef),
+        why=why,
+        rms_counts=float(np.sqrt(np.mean(kept**2))),
+        largest_counts=float(np.max(kept)),
+        pauses=pauses,
+        weight=fit.weight,
     )
 
 

@@ -242,19 +242,19 @@ def fit_servo(signals: DriveSignals, measured_rad: Float[np.ndarray, " record"],
     values = [jnp.float32(found.value) for found in estimates[:5]]
     lag, delay, dead_band, rate, asymmetry, zero = estimates
     return ServoFit(
-        lag,
-        delay,
-        dead_band,
-        rate,
-        asymmetry,
-        zero,
-        given._replace(**dict(zip(NAMES[:5], values, strict=True))),
-        swarm,
-        apart,
-        apart < _AGREE,
-        np.asarray(jax.jit(wheel_angles)(log, best.u), np.float64),
-        float(best.scale_rad),
-        memory,
+        lag_s=lag,
+        delay_s=delay,
+        dead_band_rad=dead_band,
+        rate_radps=rate,
+        asymmetry=asymmetry,
+        zero_rad=zero,
+        servo=given._replace(**dict(zip(NAMES[:5], values, strict=True))),
+        swarm=swarm,
+        apart=apart,
+        agree=apart < _AGREE,
+        model_rad=np.asarray(jax.jit(wheel_angles)(log, best.u), np.float64),
+        scale_rad=float(best.scale_rad),
+        memory=memory,
     )
 
 

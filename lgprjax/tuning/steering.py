@@ -101,14 +101,14 @@ def fit_yaw_gain(
     sigma = float(np.sqrt(by_both @ fit.covariance[:2, :2] @ by_both))
     inverse_square = estimate(float(slope / scale), sigma, fit.degrees)
     return YawGainFit(
-        _speed(inverse_square),
-        inverse_square,
-        estimate(float(scale), float(np.sqrt(fit.covariance[0, 0])), fit.degrees),
-        float(fit.coefficients[2] / scale) if len(columns) == 3 else 0.0,
-        speed,
-        gain,
-        sigma_gain,
-        fit.extra,
+        characteristic_speed_mps=_speed(inverse_square),
+        inverse_square_s2pm2=inverse_square,
+        scale=estimate(float(scale), float(np.sqrt(fit.covariance[0, 0])), fit.degrees),
+        offset_rad=float(fit.coefficients[2] / scale) if len(columns) == 3 else 0.0,
+        speed_mps=speed,
+        gain=gain,
+        sigma_gain=sigma_gain,
+        extra=fit.extra,
     )
 
 
@@ -273,7 +273,15 @@ def fit_wheel_angle(arcs: Arcs, chassis: Chassis) -> WheelAngleFit:
     if not (np.all(rise > 0.0) or np.all(rise < 0.0)):
         raise NotExcitedError("palm tree", "an angle monotonic in the steering", "an angle that reverses")
     found_map = SteeringMap(middle, half, fit.coefficients, fit.covariance, fit.degrees)
-    return WheelAngleFit(found_map, steering, front, sigma, fit.residual, fit.extra, arcs.stretches.dropped)
+    return WheelAngleFit(
+        map=found_map,
+        steering=steering,
+        front_rad=front,
+        sigma_rad=sigma,
+        residual_rad=fit.residual,
+        extra_rad=fit.extra,
+        dropped=arcs.stretches.dropped,
+    )
 
 
 def front_angle(steering_map: SteeringMap, steering: Float[np.ndarray, " record"]) -> Float[np.ndarray, " record"]:

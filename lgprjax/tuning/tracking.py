@@ -278,7 +278,15 @@ def _engagements(one: TrackedDrive) -> list[Engagement]:
         over = float(max(np.max(-np.sign(step) * offset), 0.0)) if step else 0.0
         speed = float(np.mean(np.abs(one.speed_mps[begin : begin + last + 1])))
         found.append(
-            Engagement(step, float(offset[0]), speed, settled, float(time_s[last] - time_s[0]), float(way[last]), over)
+            Engagement(
+                step_m=step,
+                offset_m=float(offset[0]),
+                speed_mps=speed,
+                settled=settled,
+                settling_s=float(time_s[last] - time_s[0]),
+                settling_m=float(way[last]),
+                overshoot_m=over,
+            )
         )
     return found
 

@@ -52,7 +52,16 @@ class ServoState(NamedTuple):
 def ideal_servo(lag_s: float = 0.0, rate_radps: float = float("inf")) -> Servo:
     """A servo with a lag and a rate only, at full torque for any supply."""
     zero = jnp.float32(0.0)
-    return Servo(jnp.float32(lag_s), jnp.float32(rate_radps), zero, zero, zero, zero, jnp.float32(1.0), zero)
+    return Servo(
+        lag_s=jnp.float32(lag_s),
+        rate_radps=jnp.float32(rate_radps),
+        delay_s=zero,
+        dead_band_rad=zero,
+        backlash_rad=zero,
+        asymmetry=zero,
+        nominal_v=jnp.float32(1.0),
+        stall_v=zero,
+    )
 
 
 def init_servo(wheel_rad: Float[Array, "..."], *, delay_slots: int = 0) -> ServoState:

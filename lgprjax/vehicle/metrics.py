@@ -51,7 +51,15 @@ class RolloutMetrics(NamedTuple):
 def init_metrics(like: Float[Array, "..."]) -> MetricSums:
     """Sums before the first step; one value for each of ``like``."""
     zero = jnp.zeros_like(like)
-    return MetricSums(zero, zero, zero, jnp.full_like(like, jnp.inf), jnp.full_like(like, -jnp.inf), zero, zero)
+    return MetricSums(
+        square_m2=zero,
+        largest_m=zero,
+        settled_m=zero,
+        low_m=jnp.full_like(like, jnp.inf),
+        high_m=jnp.full_like(like, -jnp.inf),
+        steered_rad=zero,
+        unreachable=zero,
+    )
 
 
 def step_metrics(
@@ -77,14 +85,14 @@ def step_metrics(
     """
     error = jnp.abs(offset_m)
     return MetricSums(
-        sums.square_m2 + offset_m * offset_m,
-        jnp.maximum(sums.largest_m, error),
+        square_m2=sums.square_m2 + offset_m * offset_m,
+        largest_m=jnp.maximum(sums.largest_m, error),
         # Written so that a NaN error never counts as settled.
-        jnp.where(error <= tolerance_m, sums.settled_m, travelled_m),
-        jnp.where(late, jnp.minimum(sums.low_m, offset_m), sums.low_m),
-        jnp.where(late, jnp.maximum(sums.high_m, offset_m), sums.high_m),
-        sums.steered_rad + steered_rad,
-        sums.unreachable + jnp.where(reachable, 0.0, 1.0),
+        settled_m=jnp.where(error <= tolerance_m, sums.settled_m, travelled_m),
+        low_m=jnp.where(late, jnp.minimum(sums.low_m, offset_m), sums.low_m),
+        high_m=jnp.where(late, jnp.maximum(sums.high_m, offset_m), sums.high_m),
+        steered_rad=sums.steered_rad + steered_rad,
+        unreachable=sums.unreachable + jnp.where(reachable, 0.0, 1.0),
     )
 
 

@@ -145,7 +145,15 @@ def start_rollout(
     lead = lane.chassis.anchor_m
     x, y = foot.x_m - foot.sin * offset_m - lead * cos, foot.y_m + foot.cos * offset_m - lead * sin
     zero = jnp.zeros_like(x)
-    return RolloutState(x, y, cos, sin, arc_m + zero, zero, init_servo(zero, delay_slots=delay_slots))
+    return RolloutState(
+        x_m=x,
+        y_m=y,
+        cos_yaw=cos,
+        sin_yaw=sin,
+        arc_m=arc_m + zero,
+        advance_m=zero,
+        servo=init_servo(zero, delay_slots=delay_slots),
+    )
 
 
 # The exact pursuit law as solved in a rollout: terms of the geometry are computed once, before the steps.
@@ -189,13 +197,13 @@ def prepare_law(chassis: Chassis, gain: Float[Array, "..."]) -> LaneLaw:
     """The law for a model of the chassis and its yaw gain."""
     largest = chassis.largest_angle_rad
     return LaneLaw(
-        chassis.rear,
-        chassis.anchor_m / chassis.wheelbase_m,
-        1.0 / gain,
-        largest,
-        rear_angle(chassis.rear, jnp.zeros_like(largest))[1],
-        _lock(chassis.rear, largest),
-        _lock(chassis.rear, -largest),
+        rear=chassis.rear,
+        lead=chassis.anchor_m / chassis.wheelbase_m,
+        loss=1.0 / gain,
+        largest_rad=largest,
+        slope_straight=rear_angle(chassis.rear, jnp.zeros_like(largest))[1],
+        left=_lock(chassis.rear, largest),
+        right=_lock(chassis.rear, -largest),
     )
 
 
@@ -392,7 +400,9 @@ def _step(
         steering = _steer(spec, lane, fixed, ahead, left)
     servo = turn_servo(state.servo, fixed.pace, steering.front_rad)
     x, y, cos, sin = _drive(lane.chassis, state, servo.wheel_rad, fixed.way_m, fixed.gain)
-    after = RolloutState(x, y, cos, sin, foot.arc_m, foot.arc_m - state.arc_m, servo)
+    after = RolloutState(
+        x_m=x, y_m=y, cos_yaw=cos, sin_yaw=sin, arc_m=foot.arc_m, advance_m=foot.arc_m - state.arc_m, servo=servo
+    )
     return after, _Seen(foot.offset_m, steering.front_rad, steering.reachable)
 
 
@@ -445,14 +455,14 @@ def _drive(
 
 def _trace(state: RolloutState, after: RolloutState, seen: _Seen) -> RolloutTrace:
     return RolloutTrace(
-        state.x_m,
-        state.y_m,
-        jnp.arctan2(state.sin_yaw, state.cos_yaw),
-        after.arc_m,
-        seen.offset_m,
-        seen.command_rad,
-        after.servo.wheel_rad,
-        seen.reachable,
+        x_m=state.x_m,
+        y_m=state.y_m,
+        yaw_rad=jnp.arctan2(state.sin_yaw, state.cos_yaw),
+        arc_m=after.arc_m,
+        offset_m=seen.offset_m,
+        command_rad=seen.command_rad,
+        front_rad=after.servo.wheel_rad,
+        reachable=seen.reachable,
     )
 
 

@@ -159,7 +159,15 @@ def shared_error(points: Sequence[ControlPoint], run: str | None = None) -> Shar
     """
     own = [each for each in points if each.run is None or each.run == run]
     if not own:
-        return SharedError(UNCHECKED_SIGMA_M, math.nan, math.nan, 0, False, False, math.nan)
+        return SharedError(
+            sigma_m=UNCHECKED_SIGMA_M,
+            east_m=math.nan,
+            north_m=math.nan,
+            points=0,
+            before=False,
+            after=False,
+            change_m=math.nan,
+        )
     residual = np.array([_residual_m(each) for each in own])
     mean = residual.mean(axis=0)
     early = np.array([each.when == "before" for each in own])
@@ -172,7 +180,13 @@ def shared_error(points: Sequence[ControlPoint], run: str | None = None) -> Shar
     if not both:
         sigma_m = max(sigma_m, UNCHECKED_SIGMA_M)
     return SharedError(
-        sigma_m, float(mean[0]), float(mean[1]), len(own), bool(early.any()), not bool(early.all()), change_m
+        sigma_m=sigma_m,
+        east_m=float(mean[0]),
+        north_m=float(mean[1]),
+        points=len(own),
+        before=bool(early.any()),
+        after=not bool(early.all()),
+        change_m=change_m,
     )
 
 

@@ -225,7 +225,15 @@ def plan_field(
     keep_outs_m = tuple(keep_out_of(each, frame, options.keep_out_buffer_m) for each in places.keep_outs)
     declared = bool(options.sides or keep_outs_m or carried) or options.order in ("free", "best") or worked is not None
     field_names = FieldNames(
-        field, keep_outs_m, frame, name, Path(field_file).resolve().name.split(".")[0], tool, outline, declared, carried
+        field=field,
+        keep_outs_m=keep_outs_m,
+        frame=frame,
+        file=name,
+        title=Path(field_file).resolve().name.split(".")[0],
+        tool=tool,
+        outline=outline,
+        declared=declared,
+        carried=carried,
     )
 
     def settings_for(order: Order, room_m: float, heading_rad: float | None) -> PatternSettings:
@@ -255,12 +263,12 @@ def plan_field(
     else:
         ground_m = _reach_m(ground, field)
     plan = CoverPlan(
-        field_names.title,
-        frame,
-        pattern,
-        tool,
-        vehicle.name,
-        file_hash(vehicle_file),
+        name=field_names.title,
+        frame=frame,
+        pattern=pattern,
+        tool=tool,
+        vehicle_name=vehicle.name,
+        vehicle_sha256=file_hash(vehicle_file),
         ground=ground,
         keep_outs_m=keep_outs_m,
         rooms_m=maker.declared_m,
@@ -477,18 +485,26 @@ class _Maker:
                 check_drivable(pattern, ground, held.outline, name=held.file)
                 ground = self._smaller(pattern, ground)
         except InputError as error:
-            cost = OrderCost(order, degrees, math.nan, math.nan, math.inf, math.nan, str(error))
+            cost = OrderCost(
+                order=order,
+                heading_deg=degrees,
+                swath_m=math.nan,
+                way_m=math.nan,
+                time_s=math.inf,
+                ground_m=math.nan,
+                refused=str(error),
+            )
             return None, None, cost, error, 0.0, []
         cost = OrderCost(
-            order,
-            self._degrees(lines_heading_rad(held.field, heading_rad))
+            order=order,
+            heading_deg=self._degrees(lines_heading_rad(held.field, heading_rad))
             if order != "free"
             else degrees_of(pattern, held.frame),
-            pattern.line_length_m,
-            pattern.length_m,
-            driving_time_s(pattern, self._options.speed_mps),
-            room_needed_m(held.field.perimeter_m, pattern, held.outline),
-            "",
+            swath_m=pattern.line_length_m,
+            way_m=pattern.length_m,
+            time_s=driving_time_s(pattern, self._options.speed_mps),
+            ground_m=room_needed_m(held.field.perimeter_m, pattern, held.outline),
+            refused="",
         )
         return pattern, ground, cost, None, share, notes
 

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -135,7 +136,7 @@ def test_the_tuned_look_ahead_tracks_no_worse(story: Story, tmp_path: Path) -> N
     text = _DRIVES.read_text()
     for speed, ahead in ((2.5, 3.0), (5.0, 7.0)):
         assert f"look_ahead_m = {ahead}" in text
-        chosen = float(look_ahead_m(schedule, np.float32(speed)))
+        chosen = float(look_ahead_m(schedule, jnp.float32(speed)))
         text = text.replace(f"look_ahead_m = {ahead}", f"look_ahead_m = {chosen:.3f}")
     # Driven again by the true vehicle, without a radar: the offsets are the truth's.
     text = text.replace('radar = "rain"\n', "").replace('radar = "snow"\n', "")

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 import lgprjax as lx
@@ -117,7 +118,7 @@ def _result(number: int, folder: Path) -> Result:
     rolled = [abs(_rms(one.rolled_m) / _rms(one.driven_m) - 1.0) for one in loop.predicted]
     schedule = lx.tune("look_ahead", vehicle=vehicle, logs=driven, draws=256, steps=60).vehicle.look_ahead
     assert schedule is not None
-    chosen = {name: float(look_ahead_m(schedule, np.float32(speed))) for name, (speed, _) in _DRIVEN.items()}
+    chosen = {name: float(look_ahead_m(schedule, jnp.float32(speed))) for name, (speed, _) in _DRIVEN.items()}
     tuned = [_driven_again(folder, text, name, [chosen[name]])[0] for name in _DRIVEN]
     best = [min(_driven_again(folder, text, name, (speed * _TRIED_S).tolist())) for name, (speed, _) in _DRIVEN.items()]
     return Result(

@@ -120,7 +120,18 @@ def _read_header(file: Path, data: bytes, channel: int) -> _Header:
     (permittivity,) = struct.unpack_from("<f", block, 54)
     antenna = block[98:112].split(b"\0")[0].decode("latin-1").strip()
     return _Header(
-        tag, word, samples, bits, per_second, per_m, per_mark, position_ns, range_ns, channels, permittivity, antenna
+        tag=tag,
+        data=word,
+        samples=samples,
+        bits=bits,
+        scans_per_second=per_second,
+        scans_per_m=per_m,
+        m_per_mark=per_mark,
+        position_ns=position_ns,
+        range_ns=range_ns,
+        channels=channels,
+        permittivity=permittivity,
+        antenna=antenna,
     )
 
 

@@ -444,15 +444,15 @@ class DriveFilter:
         turn = stops.pose[at, 3] - frame[2]
         wander_m2 = travel_m * (_WANDER_M**2 + np.minimum(stops.sigma_yaw_rad[at], 0.1) ** 2)
         chunk = Stop(
-            live,
-            jnp.asarray(stops.valid[at] & inside[:, None], jnp.float32),
-            jnp.asarray(np.where(inside[:, None], corner, np.asarray(reach)), jnp.float32),
-            jnp.asarray(channel_offsets(body_m, turn, self.step_m), jnp.float32),
-            jnp.asarray(np.stack([np.cos(turn), np.sin(turn)], axis=-1), jnp.float32),
-            jnp.asarray(travel_m, jnp.float32),
-            jnp.asarray(wander_m2[:, None] / self.step_m**2, jnp.float32),
-            jnp.asarray(leap, jnp.float32),
-            jnp.asarray(np.arange(self._chunk) < count),
+            live=live,
+            valid=jnp.asarray(stops.valid[at] & inside[:, None], jnp.float32),
+            corner=jnp.asarray(np.where(inside[:, None], corner, np.asarray(reach)), jnp.float32),
+            offset=jnp.asarray(channel_offsets(body_m, turn, self.step_m), jnp.float32),
+            facing=jnp.asarray(np.stack([np.cos(turn), np.sin(turn)], axis=-1), jnp.float32),
+            travel_m=jnp.asarray(travel_m, jnp.float32),
+            wander=jnp.asarray(wander_m2[:, None] / self.step_m**2, jnp.float32),
+            leap=jnp.asarray(leap, jnp.float32),
+            there=jnp.asarray(np.arange(self._chunk) < count),
         )
         return chunk, ground, reach
 

@@ -190,14 +190,14 @@ def step_compiled(
         ),
     )
     orders = Orders(
-        yes.steering_engaged,
-        yes.speed_engaged,
-        yes.stop,
-        inputs.speed_cap_mps,
-        inputs.set_speed_mps,
-        inputs.front_rad,
-        inputs.age_s,
-        inputs.torque_share,
+        steering_engaged=yes.steering_engaged,
+        speed_engaged=yes.speed_engaged,
+        stop=yes.stop,
+        speed_cap_mps=inputs.speed_cap_mps,
+        set_speed_mps=inputs.set_speed_mps,
+        front_rad=inputs.front_rad,
+        age_s=inputs.age_s,
+        torque_share=inputs.torque_share,
     )
     state, command, info = step_onboard(
         setup, route, state, motion, observations, inputs.p_false, orders, fusion=fusion

@@ -315,19 +315,19 @@ class ControlCore:
         self._missing = [what for what, age_s in ages_s.items() if not age_s < _OLD_S]
         self._why = status.why
         seen = Seen(
-            modes.mode,
-            modes.state.place,
-            status.started,
-            status.place,
-            status.doubtful,
-            status.reaction,
-            not self._missing and not status.refuses,
+            mode=modes.mode,
+            place=modes.state.place,
+            started=status.started,
+            route=status.place,
+            doubtful=status.doubtful,
+            reaction=status.reaction,
+            sources=not self._missing and not status.refuses,
             # Before the checks the checks themselves handle the box's line: they wait, and report what failed.
-            status.line or modes.mode in _UNCHECKED,
-            status.severity,
-            status.manual,
-            status.failed or self._late.too_many,
-            self.processes.lost,
+            line=status.line or modes.mode in _UNCHECKED,
+            severity=status.severity,
+            manual=status.manual,
+            failed=status.failed or self._late.too_many,
+            recorder_lost=self.processes.lost,
         )
         # Evaluated before the events, which may release what was engaged.
         emergency = status.emergency and bool(modes.engage & (STEERING | PEDALS | CUT))

@@ -215,7 +215,19 @@ def degrading(result: TickResult) -> float:
     return whole(result.reasons) & ~excused
 
 
-_COUNTER_STEER_NOTHING = Sensed(0.0, math.nan, None, None, None, math.nan, math.nan, False, None, False, math.inf)
+_COUNTER_STEER_NOTHING = Sensed(
+    step_s=0.0,
+    yaw_rate_radps=math.nan,
+    place=None,
+    attitude=None,
+    fix=None,
+    p_false=math.nan,
+    odometer_mps=math.nan,
+    travel_lost=False,
+    wheels=None,
+    foot_on_brake=False,
+    wheels_age_s=math.inf,
+)
 
 
 class CounterSteer:
@@ -309,18 +321,18 @@ class CounterSteer:
         done = [ARRIVED[0]] if self.pilot.code is PlanCode.DONE else []
         contradicted = bool(bits & Watch.HEADING_CONTRADICTED)
         return VehicleStatus(
-            self.pilot.started,
-            Event.ROUTE_WRONG_HEADING if contradicted else _PLACES[self.pilot.code],
-            bool(bits & Watch.HEADING_UNCONFIRMED) or contradicted,
-            whole(result.reaction, int(Reaction.STOP)),
-            ages,
-            not bits & LINE,
-            severity,
-            severity >= Severity.MANUAL and bool(bits & ~LINE),
-            watched.severity is Severity.EMERGENCY,
-            bool(bits & REFUSING),
-            bool(limited & Limited.MANUAL_REQUESTED),
-            [*done, *describe(watched.bits), *reason_words(result.reasons), *limited_words(limited)],
+            started=self.pilot.started,
+            place=Event.ROUTE_WRONG_HEADING if contradicted else _PLACES[self.pilot.code],
+            doubtful=bool(bits & Watch.HEADING_UNCONFIRMED) or contradicted,
+            reaction=whole(result.reaction, int(Reaction.STOP)),
+            ages_s=ages,
+            line=not bits & LINE,
+            severity=severity,
+            manual=severity >= Severity.MANUAL and bool(bits & ~LINE),
+            emergency=watched.severity is Severity.EMERGENCY,
+            refuses=bool(bits & REFUSING),
+            failed=bool(limited & Limited.MANUAL_REQUESTED),
+            why=[*done, *describe(watched.bits), *reason_words(result.reasons), *limited_words(limited)],
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
@@ -353,15 +365,15 @@ class CounterSteer:
             sensed = sensed._replace(odometer_mps=math.nan)
         slow = wish.slowly or watched.severity is Severity.DEGRADE or self._missed
         ordered = Ordered(
-            wish.engaged,
-            wish.drives,
-            wish.stop,
-            self._slow_mps if slow else math.inf,
-            wish.set_speed_mps,
-            watched.front_rad,
-            sensed.wheels_age_s,
-            watched.yaw_rate_radps,
-            self._watches.torque_share,
+            steering_engaged=wish.engaged,
+            speed_engaged=wish.drives,
+            stop=wish.stop,
+            speed_cap_mps=self._slow_mps if slow else math.inf,
+            set_speed_mps=wish.set_speed_mps,
+            front_rad=watched.front_rad,
+            age_s=sensed.wheels_age_s,
+            yaw_rate_radps=watched.yaw_rate_radps,
+            torque_share=self._watches.torque_share,
         )
         self.pilot.step(sensed, ordered, now_ns)
 

@@ -159,7 +159,19 @@ def with_assumed(vehicle: VehicleFile) -> VehicleFile:
     return with_values(vehicle, {path: value for path, value in ASSUMED.items() if table[path[9:]] is None}, {})
 
 
-_NOTHING = Sensed(0.0, math.nan, None, None, None, math.nan, math.nan, False, None, False, math.inf)
+_NOTHING = Sensed(
+    step_s=0.0,
+    yaw_rate_radps=math.nan,
+    place=None,
+    attitude=None,
+    fix=None,
+    p_false=math.nan,
+    odometer_mps=math.nan,
+    travel_lost=False,
+    wheels=None,
+    foot_on_brake=False,
+    wheels_age_s=math.inf,
+)
 _PLACE_OLD_S, _COARSE_M = 1.0, 0.5
 """Age, and error, up to which a position is used."""
 _OUT_RAD, _STRAIGHT_RAD, _OUT_S = math.radians(6.0), math.radians(4.0), 0.4
@@ -275,18 +287,18 @@ class ManoeuvreKind:
             ages_s["no accurate position from GNSS"] = self._place_age_s
         ended = [ARRIVED[-1]] if self._done else []
         return VehicleStatus(
-            received,
-            Event.ROUTE_OFF if self._done else Event.ROUTE_NEAR,
-            False,
-            int(Reaction.STOP if trouble else Reaction.CONTINUE),
-            ages_s,
-            not bits & LINE,
-            severity,
-            severity >= Severity.MANUAL and bool(bits & ~LINE),
-            severity is Severity.EMERGENCY,
-            bool(bits & REFUSING),
-            bool(limited & Limited.MANUAL_REQUESTED),
-            [*ended, *trouble, *describe(bits), *limited_words(limited)],
+            started=received,
+            place=Event.ROUTE_OFF if self._done else Event.ROUTE_NEAR,
+            doubtful=False,
+            reaction=int(Reaction.STOP if trouble else Reaction.CONTINUE),
+            ages_s=ages_s,
+            line=not bits & LINE,
+            severity=severity,
+            manual=severity >= Severity.MANUAL and bool(bits & ~LINE),
+            emergency=severity is Severity.EMERGENCY,
+            refuses=bool(bits & REFUSING),
+            failed=bool(limited & Limited.MANUAL_REQUESTED),
+            why=[*ended, *trouble, *describe(bits), *limited_words(limited)],
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
@@ -329,14 +341,14 @@ class ManoeuvreKind:
         else:
             self._pedals.restart()
         numbers = _Numbers(
-            front,
-            throttle,
-            brake,
-            self._sensed.wheels_age_s,
-            self._sensed.step_s,
-            self._front,
-            float(wish.engaged),
-            self._largest_rad,
+            front_rad=front,
+            throttle=throttle,
+            brake=brake,
+            age_s=self._sensed.wheels_age_s,
+            step_s=self._sensed.step_s,
+            measured_rad=self._front,
+            engaged=float(wish.engaged),
+            largest_rad=self._largest_rad,
         )
         self._limiter, row = _limited(self._limiter, as_vector(numbers))
         front, throttle, brake, bits = np.asarray(row).tolist()

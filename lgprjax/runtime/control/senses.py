@@ -365,17 +365,17 @@ class Senses(LineSenses):
         rate = float(np.mean([each.radps for each in gnss.rates])) if gnss.rates else self._rate.radps
         odometer_mps = self._mean_speed()
         sensed = Sensed(
-            step_s,
-            rate if rate_age_s <= _RATE_OLD_S else math.nan,
-            gnss.place,
-            gnss.attitude,
-            self._fresh_fix(now_ns),
-            self._p_false,
-            odometer_mps,
-            self._lost,
-            self.box,
-            self._foot,
-            self._box_age_s(now_ns),
+            step_s=step_s,
+            yaw_rate_radps=rate if rate_age_s <= _RATE_OLD_S else math.nan,
+            place=gnss.place,
+            attitude=gnss.attitude,
+            fix=self._fresh_fix(now_ns),
+            p_false=self._p_false,
+            odometer_mps=odometer_mps,
+            travel_lost=self._lost,
+            wheels=self.box,
+            foot_on_brake=self._foot,
+            wheels_age_s=self._box_age_s(now_ns),
         )
         self._new_fix = self._foot = self._lost = False
         self._p_false = math.nan
@@ -436,16 +436,16 @@ def wheel_belief(vehicle: VehicleFile, path: Path) -> WheelBelief:
             largest,
         )
     return WheelBelief(
-        angles,
-        _needed(path, "steering.encoder_counts_per_rad", stated.encoder_counts_per_rad),
-        largest,
-        _needed(path, "steering.lag_s", stated.lag_s),
-        _needed(path, "steering.largest_wheel_rate_radps", stated.largest_wheel_rate_radps),
-        stated.delay_s or 0.0,
-        stated.dead_band_rad or 0.0,
-        stated.backlash_rad or 0.0,
-        _needed(path, "steering.nominal_v", stated.nominal_v),
-        _needed(path, "steering.stall_v", stated.stall_v),
+        angle_of_volts=angles,
+        encoder_counts_per_rad=_needed(path, "steering.encoder_counts_per_rad", stated.encoder_counts_per_rad),
+        largest_rad=largest,
+        lag_s=_needed(path, "steering.lag_s", stated.lag_s),
+        rate_radps=_needed(path, "steering.largest_wheel_rate_radps", stated.largest_wheel_rate_radps),
+        delay_s=stated.delay_s or 0.0,
+        dead_band_rad=stated.dead_band_rad or 0.0,
+        backlash_rad=stated.backlash_rad or 0.0,
+        nominal_v=_needed(path, "steering.nominal_v", stated.nominal_v),
+        stall_v=_needed(path, "steering.stall_v", stated.stall_v),
     )
 
 

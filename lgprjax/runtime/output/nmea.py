@@ -176,12 +176,12 @@ def given_of(row: np.void, frame: LocalFrame, utc_s: float) -> Given:
     # Before the first height the place is known all the same.
     latitude, longitude, height = frame.to_geodetic(x, y, np.nan_to_num(up))
     return Given(
-        utc_s,
-        float(latitude[0]),
-        float(longitude[0]),
-        float(height[0]) if np.isfinite(up[0]) else math.nan,
-        float(frame.heading_of_yaw(yaw, longitude)[0]),
-        float(row["sigma_along_m"]),
-        float(row["sigma_cross_m"]),
-        int(row["quality"]),
+        utc_s=utc_s,
+        latitude_deg=float(latitude[0]),
+        longitude_deg=float(longitude[0]),
+        height_m=float(height[0]) if np.isfinite(up[0]) else math.nan,
+        heading_deg=float(frame.heading_of_yaw(yaw, longitude)[0]),
+        sigma_along_m=float(row["sigma_along_m"]),
+        sigma_cross_m=float(row["sigma_cross_m"]),
+        quality=int(row["quality"]),
     )

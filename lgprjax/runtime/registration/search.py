@@ -394,7 +394,14 @@ def reader_of(
     else:
         assert lookup is not None
         frequencies_hz, late_ns = radar.frequencies_hz, radar.group_delay_ns
-        known = SweepRecording(frequencies_hz, lookup.sweeps, lookup.calibration, late_ns, gain, delay_ns)
+        known = SweepRecording(
+            frequencies_hz=frequencies_hz,
+            lookup_sweeps=lookup.sweeps,
+            lookup_calibration_sweep=lookup.calibration,
+            group_delay_ns=late_ns,
+            channel_gain=gain,
+            channel_delay_ns=delay_ns,
+        )
     assert config.ports.radar is not None
     return SweepReader(radar, known, TRACK_SCANS, config.ports.radar.url)
 

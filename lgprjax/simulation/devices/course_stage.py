@@ -134,7 +134,9 @@ class CourseStage(Stage[DriveBox, Tick]):
             form = SweepForm(sweeps, world.lookup)
         self.radar = RadarBox(self._senders["radar"], world.radar, channels, world.scan_period_s, form)
         self._second = Sender(int(self._rng.integers(1, 1 << 32)))
-        self._hands = DriverInput(0.0, 0.0, 0.0, foot_on_brake=False, torque_nm=0.0, buttons=frozenset())
+        self._hands = DriverInput(
+            front_rad=0.0, throttle=0.0, brake=0.0, foot_on_brake=False, torque_nm=0.0, buttons=frozenset()
+        )
         self.latest_s["scan"] = 0.0
         self._positions: deque[tuple[int, Moved]] = deque(maxlen=64)
         self._known = Trajectory()

@@ -135,14 +135,18 @@ def read_items(
         arrival = row.get("at_arrival")
         items.append(
             ScriptItem(
-                name,
-                {needed: _value(file, f"{where}.{needed}", name, needed, row[needed]) for needed in known[name]},
-                times.get("for_s", lasts_s.get(name, math.inf)),
-                times.get("at_s"),
-                times.get("at_way_m"),
-                None if "after" not in row else _after(file, f"{where}.after", row["after"]),
-                None if arrival is None else int(_number(file, f"{where}.at_arrival", arrival, 0, 1e6, whole=True)),
-                times.get("every_s"),
+                name=name,
+                numbers={
+                    needed: _value(file, f"{where}.{needed}", name, needed, row[needed]) for needed in known[name]
+                },
+                for_s=times.get("for_s", lasts_s.get(name, math.inf)),
+                at_s=times.get("at_s"),
+                at_way_m=times.get("at_way_m"),
+                after=None if "after" not in row else _after(file, f"{where}.after", row["after"]),
+                at_arrival=None
+                if arrival is None
+                else int(_number(file, f"{where}.at_arrival", arrival, 0, 1e6, whole=True)),
+                every_s=times.get("every_s"),
             )
         )
     return items

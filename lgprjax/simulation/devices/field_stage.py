@@ -423,7 +423,14 @@ class FieldStage(Stage[SkidBox, None]):
         self._right_m += right_mps * TICK_S
         tool = self.tool
         measured = SkidMeasured(
-            left_mps, right_mps, self._left_m, self._right_m, tool.turns, tool.rpm, tool.depth_m, supply_v
+            left_mps=left_mps,
+            right_mps=right_mps,
+            left_m=self._left_m,
+            right_m=self._right_m,
+            tool=tool.turns,
+            tool_rpm=tool.rpm,
+            depth_m=tool.depth_m,
+            supply_v=supply_v,
         )
         self._waiting.append(("drive_by_wire", end_ns, self.drive_box.status(end_ns, measured)))
         if moved.turn_valid > 0.5:
@@ -450,13 +457,13 @@ class FieldStage(Stage[SkidBox, None]):
         east, north = moved.gnss_east_m + jump[0], moved.gnss_north_m + jump[1]
         latitude, longitude, height = self._frame.to_geodetic(np.array([east]), np.array([north]), np.zeros(1))
         return GnssFix(
-            float(latitude[0]),
-            float(longitude[0]),
-            float(height[0]),
-            abs(moved.speed_mps),
-            self._heading_deg(moved.yaw_rad),
-            _FLOAT_M if loose else moved.gnss_sigma_m,
-            1 if loose else 2,
+            latitude_deg=float(latitude[0]),
+            longitude_deg=float(longitude[0]),
+            height_m=float(height[0]),
+            speed_mps=abs(moved.speed_mps),
+            course_deg=self._heading_deg(moved.yaw_rad),
+            sigma_m=_FLOAT_M if loose else moved.gnss_sigma_m,
+            solution=1 if loose else 2,
         )
 
     def _heading_deg(self, yaw_rad: float) -> float:

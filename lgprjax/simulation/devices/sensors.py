@@ -196,15 +196,16 @@ class Sensing:
         counts = self._zero_counts + self._true.encoder_counts_per_rad * self._steering_rad(sample.motor_rad)
         gain = sample.odometer_gain
         return Measured(
-            float(volts),
-            round(counts + faults.number("encoder_offset", "counts", 0.0)),
-            sample.supply_v + _SUPPLY_SIGMA_V * noise[1],
-            hands.torque_nm + _TORQUE_SIGMA_NM * noise[2],
-            hands.foot_on_brake,
-            float(np.clip(sample.throttle + _PEDAL_SIGMA * noise[3], 0.0, 1.0)),
-            float(np.clip(sample.brake + _PEDAL_SIGMA * noise[4], 0.0, 1.0)),
-            sample.odometer_m,
-            gain * sample.speed_mps + (self._odometer_sigma_mps * noise[5] if gain and sample.speed_mps else 0.0),
+            potentiometer_v=float(volts),
+            encoder_counts=round(counts + faults.number("encoder_offset", "counts", 0.0)),
+            supply_v=sample.supply_v + _SUPPLY_SIGMA_V * noise[1],
+            torque_nm=hands.torque_nm + _TORQUE_SIGMA_NM * noise[2],
+            pedals=hands.foot_on_brake,
+            throttle=float(np.clip(sample.throttle + _PEDAL_SIGMA * noise[3], 0.0, 1.0)),
+            brake=float(np.clip(sample.brake + _PEDAL_SIGMA * noise[4], 0.0, 1.0)),
+            odometer_m=sample.odometer_m,
+            speed_mps=gain * sample.speed_mps
+            + (self._odometer_sigma_mps * noise[5] if gain and sample.speed_mps else 0.0),
         )
 
     def _steering_rad(self, wheel_rad: float) -> float:
@@ -245,13 +246,13 @@ class Sensing:
         east, north = np.array([moved.gnss_east_m, moved.gnss_north_m]) + self._extra_m + faults.pair("gnss_jump", "m")
         latitude, longitude, height = self._world.geodetic(float(east), float(north), moved.along_m + GNSS_X_M)
         told = GnssFix(
-            latitude,
-            longitude,
-            height,
-            abs(moved.speed_mps),
-            self._world.heading_deg(moved.yaw_rad, moved.x_m),
-            _SHOWN_SIGMA_M[solution],
-            solution,
+            latitude_deg=latitude,
+            longitude_deg=longitude,
+            height_m=height,
+            speed_mps=abs(moved.speed_mps),
+            course_deg=self._world.heading_deg(moved.yaw_rad, moved.x_m),
+            sigma_m=_SHOWN_SIGMA_M[solution],
+            solution=solution,
         )
         return faults.hold("gnss_stuck", told)
 

@@ -308,7 +308,15 @@ def scripted_input(
     pressed = frozenset(str(item.numbers["button"]) for item in running if item.name == "press")
     # The pedal's switch is wired to the controller too.
     pressed |= {"brake_tap"} if tapped else set()
-    return DriverInput(front_rad, throttle, brake, foot, torque, pressed, gear)
+    return DriverInput(
+        front_rad=front_rad,
+        throttle=throttle,
+        brake=brake,
+        foot_on_brake=foot,
+        torque_nm=torque,
+        buttons=pressed,
+        gear=gear,
+    )
 
 
 class Driver:

@@ -91,7 +91,15 @@ def decide(
     engaged, stopping = state.handover
     # Measured by the potentiometer, whose errors are small compared with the servo's play.
     front_rad = state.plant.servo.wheel_rad
-    orders = Orders(engaged, engaged, stopping, jnp.float32(jnp.inf), setup.set_speed_mps, front_rad, jnp.float32(0.0))
+    orders = Orders(
+        steering_engaged=engaged,
+        speed_engaged=engaged,
+        stop=stopping,
+        speed_cap_mps=jnp.float32(jnp.inf),
+        set_speed_mps=setup.set_speed_mps,
+        front_rad=front_rad,
+        age_s=jnp.float32(0.0),
+    )
     onboard, command, info = step_onboard(
         OnboardSetup(setup.navigator, setup.autopilot),
         route,
@@ -127,15 +135,15 @@ def _drive_by_hand(
     """The driver's tick: he steers and presses as the autopilot would, by the true pose."""
     yes, plant = jnp.asarray(True), state.plant
     seen = AutopilotInputs(
-        plant.pose,
-        plant.speed_mps,
-        jnp.int32(Reaction.CONTINUE.value),
-        jnp.float32(jnp.inf),
-        jnp.float32(0.0),
-        yes,
-        yes,
-        setup.set_speed_mps,
-        plant.servo.wheel_rad,
+        pose_route=plant.pose,
+        speed_mps=plant.speed_mps,
+        reaction=jnp.int32(Reaction.CONTINUE.value),
+        speed_cap_mps=jnp.float32(jnp.inf),
+        age_s=jnp.float32(0.0),
+        steering_engaged=yes,
+        speed_engaged=yes,
+        set_speed_mps=setup.set_speed_mps,
+        front_rad=plant.servo.wheel_rad,
     )
     return step_autopilot(setup.autopilot, route, state.driver, seen, step_s)
 
@@ -245,7 +253,19 @@ class LoopTick(NamedTuple):
 def blank_sums() -> LoopSums:
     """Before the first tick."""
     zero, none = jnp.float32(0.0), jnp.int32(0)
-    return LoopSums(zero, zero, zero, zero, zero, zero, zero, none, jnp.zeros(3, jnp.int32), none, none)
+    return LoopSums(
+        way_m=zero,
+        square_m3=zero,
+        largest_m=zero,
+        beyond_foot_m=zero,
+        steering_step_rad=zero,
+        nees_position=zero,
+        nees_yaw=zero,
+        fixes=none,
+        reactions=jnp.zeros(3, jnp.int32),
+        reasons=none,
+        ticks=none,
+    )
 
 
 def tick_record(
@@ -300,17 +320,17 @@ def add_tick(sums: LoopSums, tick: LoopTick, state: LoopState, before: LoopState
     # Engaging, the limiter starts where the wheels are.
     held = before.onboard.autopilot.limiter.last
     grown = LoopSums(
-        sums.way_m + way_m,
-        sums.square_m3 + offset * offset * way_m,
-        jnp.maximum(sums.largest_m, jnp.where(jnp.isfinite(offset), offset, jnp.inf)),
-        sums.beyond_foot_m + jnp.where(offset > FOOT_M, way_m, 0.0),
-        jnp.maximum(sums.steering_step_rad, jnp.abs(state.command.front_rad - held.front_rad)),
-        sums.nees_position + tick.nees_position,
-        sums.nees_yaw + tick.nees_yaw,
-        sums.fixes + tick.fix.astype(jnp.int32),
-        sums.reactions + (jnp.arange(len(Reaction)) == tick.reaction).astype(jnp.int32),
-        sums.reasons | tick.reasons,
-        sums.ticks + 1,
+        way_m=sums.way_m + way_m,
+        square_m3=sums.square_m3 + offset * offset * way_m,
+        largest_m=jnp.maximum(sums.largest_m, jnp.where(jnp.isfinite(offset), offset, jnp.inf)),
+        beyond_foot_m=sums.beyond_foot_m + jnp.where(offset > FOOT_M, way_m, 0.0),
+        steering_step_rad=jnp.maximum(sums.steering_step_rad, jnp.abs(state.command.front_rad - held.front_rad)),
+        nees_position=sums.nees_position + tick.nees_position,
+        nees_yaw=sums.nees_yaw + tick.nees_yaw,
+        fixes=sums.fixes + tick.fix.astype(jnp.int32),
+        reactions=sums.reactions + (jnp.arange(len(Reaction)) == tick.reaction).astype(jnp.int32),
+        reasons=sums.reasons | tick.reasons,
+        ticks=sums.ticks + 1,
     )
     # What the driver does before is not the loop's.
     return LoopSums(*(jnp.where(tick.engaged, new, old) for new, old in zip(grown, sums, strict=True)))

@@ -432,15 +432,15 @@ def drive_course(
     x_m, y_m, yaw = (np.asarray(part, np.float64) for part in (kept.x_m, kept.y_m, kept.yaw_rad))
     lead = course.spec.array_x_m
     return DrivenCourse(
-        kept,
-        np.stack([x_m + lead * np.cos(yaw), y_m + lead * np.sin(yaw)], axis=1),
-        radar.frame.to_map(course.anchor_m),
-        np.asarray(codes),
-        np.concatenate(errors),
-        np.concatenate(sigmas),
-        np.concatenate(matches),
-        np.asarray(travelled),
-        finished,
+        tick=kept,
+        anchor_m=np.stack([x_m + lead * np.cos(yaw), y_m + lead * np.sin(yaw)], axis=1),
+        baseline_m=radar.frame.to_map(course.anchor_m),
+        codes=np.asarray(codes),
+        fix_error=np.concatenate(errors),
+        fix_sigma=np.concatenate(sigmas),
+        fix_match=np.concatenate(matches),
+        fix_travel_m=np.asarray(travelled),
+        finished=finished,
     )
 
 

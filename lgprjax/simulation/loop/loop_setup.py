@@ -190,15 +190,15 @@ def start_loop(
     autopilot = init_autopilot(planner, speed_mps, zero)
     navigator = init_navigator(setup.navigator, believed, speed_mps, reckons=spec.reckons)
     return LoopState(
-        init_plant(pose, speed_mps, along_m, delay_slots=spec.delay_slots),
-        init_live_sensors(setup.sensors, key),
-        OnboardState(navigator, autopilot),
-        autopilot,
-        Command(zero, zero, zero),
-        jnp.ones_like(zero),
-        zero,
-        init_handover(),
-        jnp.int32(0),
+        plant=init_plant(pose, speed_mps, along_m, delay_slots=spec.delay_slots),
+        sensors=init_live_sensors(setup.sensors, key),
+        onboard=OnboardState(navigator, autopilot),
+        driver=autopilot,
+        command=Command(zero, zero, zero),
+        gear=jnp.ones_like(zero),
+        sound_s=zero,
+        handover=init_handover(),
+        tick=jnp.int32(0),
     )
 
 

@@ -97,14 +97,14 @@ def step_skid_compiled(
     motion = SkidMotion(inputs.left_mps, inputs.right_mps, inputs.step_s)
     observations = SkidObservations(gnss_of(inputs, yes), DeltaHeading(inputs.turn_rad, inputs.span_s, yes.turn_valid))
     orders = SkidOrders(
-        yes.engaged,
-        yes.drives,
-        yes.stop,
-        inputs.speed_cap_mps,
-        inputs.set_speed_mps,
-        inputs.age_s,
-        inputs.left_mps,
-        inputs.right_mps,
+        engaged=yes.engaged,
+        drives=yes.drives,
+        stop=yes.stop,
+        speed_cap_mps=inputs.speed_cap_mps,
+        set_speed_mps=inputs.set_speed_mps,
+        age_s=inputs.age_s,
+        left_mps=inputs.left_mps,
+        right_mps=inputs.right_mps,
     )
     state, command, info = step_skid(setup, route, fence, state, motion, observations, orders, guidance=guidance)
     estimate, plan = state.filter.estimate, info.plan

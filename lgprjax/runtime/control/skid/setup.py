@@ -93,16 +93,16 @@ def load_skid(
         corners = _ANYWHERE_M * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         none = np.zeros((0, 2))
         return SkidLoaded(
-            setup,
-            belief,
-            None if anchor is None else LocalFrame(*anchor),
-            None,
-            none,
-            0,
-            _no_route(),
-            pad_fence(corners),
-            period_s,
-            hashes,
+            setup=setup,
+            belief=belief,
+            frame=None if anchor is None else LocalFrame(*anchor),
+            name=None,
+            perimeter_m=none,
+            lines=0,
+            route=_no_route(),
+            fence=pad_fence(corners),
+            gnss_period_s=period_s,
+            hashes=hashes,
             machine=machine_of(vehicle),
         )
     file = config.path(config.coverage.plan)
@@ -132,20 +132,20 @@ def load_skid(
         raise InputError(file, error.place, error.expected, error.found) from None
     lines = len(plan.pattern.lines)
     return SkidLoaded(
-        setup,
-        belief,
-        plan.frame,
-        plan.name,
-        perimeter_m,
-        lines,
-        route,
-        fence,
-        period_s,
-        hashes,
-        ground,
-        plan.pattern,
-        taken_up,
-        machine_of(vehicle),
+        setup=setup,
+        belief=belief,
+        frame=plan.frame,
+        name=plan.name,
+        perimeter_m=perimeter_m,
+        lines=lines,
+        route=route,
+        fence=fence,
+        gnss_period_s=period_s,
+        hashes=hashes,
+        ground=ground,
+        pattern=plan.pattern,
+        taken_up=taken_up,
+        machine=machine_of(vehicle),
     )
 
 

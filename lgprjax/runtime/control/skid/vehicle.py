@@ -289,7 +289,18 @@ _NEAR_M = 10.0
 _GNSS_OFF_S = 1.6
 """Age from which GNSS counts as off, as on the page."""
 _TURNED_RAD = 1.6
-_VEHICLE_NOTHING = SkidSensed(0.0, math.nan, math.nan, None, None, None, math.inf, math.inf, math.inf, Quality.NONE)
+_VEHICLE_NOTHING = SkidSensed(
+    step_s=0.0,
+    left_mps=math.nan,
+    right_mps=math.nan,
+    place=None,
+    turn=None,
+    box=None,
+    box_age_s=math.inf,
+    gnss_age_s=math.inf,
+    ins_age_s=math.inf,
+    quality=Quality.NONE,
+)
 
 
 class SkidSteerVehicle:
@@ -353,22 +364,22 @@ class SkidSteerVehicle:
             max(self._watched.severity, severity_of_found(found)) if sensed.box is not None else Severity.CONTINUE
         )
         return VehicleStatus(
-            self.pilot.started,
-            self._place(),
-            bool(found & SkidFound.HEADING_UNKNOWN),
-            whole(result.reaction, int(Reaction.STOP)),
-            {
+            started=self.pilot.started,
+            place=self._place(),
+            doubtful=bool(found & SkidFound.HEADING_UNKNOWN),
+            reaction=whole(result.reaction, int(Reaction.STOP)),
+            ages_s={
                 "no position from GNSS": sensed.gnss_age_s - self._loaded.gnss_period_s,
                 "no heading from the INS": sensed.ins_age_s,
                 "drive-by-wire box is silent": sensed.box_age_s,
             },
-            not bits & LINE,
-            severity,
-            severity >= Severity.MANUAL and bool(bits & ~LINE),
-            severity is Severity.EMERGENCY,
-            bool(bits & REFUSING) or bool(found & findings.REFUSING),
-            bool(limited & SkidLimited.MANUAL_REQUESTED),
-            self._why(bits, found, limited),
+            line=not bits & LINE,
+            severity=severity,
+            manual=severity >= Severity.MANUAL and bool(bits & ~LINE),
+            emergency=severity is Severity.EMERGENCY,
+            refuses=bool(bits & REFUSING) or bool(found & findings.REFUSING),
+            failed=bool(limited & SkidLimited.MANUAL_REQUESTED),
+            why=self._why(bits, found, limited),
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
