@@ -116,7 +116,7 @@ def test_no_process_waits_for_what_few_of_its_commands_need() -> None:
 
 
 def test_a_record_of_many_fields_is_built_by_their_names() -> None:
-    """More than six values in a row are swapped without a notice; a sequence that is unpacked has an order of its own."""
+    """More than six values in a row are swapped without a notice; an unpacked sequence has an order of its own."""
     trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in _PACKAGE.rglob("*.py")}
     fields: dict[str, set[int]] = {}
     for tree in trees.values():
