@@ -22,9 +22,8 @@ from benchmarks.records import Record, machine_line
 from benchmarks.village import village_drives
 from lgprjax.batch import register_log
 from lgprjax.formats import DriveLog, MapFile
-from lgprjax.machine import compile_clock, usable_cores
+from lgprjax.machine import compile_clock, peak_rss_mb, usable_cores
 from lgprjax.mapping import build_map
-from lgprjax.process_cost import peak_rss_mb
 from lgprjax.registration import RegisterOptions
 from lgprjax.simulation import read_site, site_file, write_drives
 from lgprjax.simulation.site_tables import Site, plan_drive, prepare_site

@@ -1,8 +1,10 @@
-"""Resources of this machine, and the time that compiling took of them."""
+"""Resources of this machine, and what this process used of them: programs compiled, their time, and memory."""
 
 import os
+import re
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -62,3 +64,32 @@ def compile_clock() -> CompileClock:
     if not _clocks:
         _clocks.append(CompileClock())
     return _clocks[0]
+
+
+def count_compiles() -> Callable[[], int]:
+    """Count the programs that this process compiles, or loads from the cache, from this call on."""
+    import jax.monitoring
+
+    counted = 0
+
+    def listen(event: str, duration_secs: float, **_: str | int) -> None:
+        nonlocal counted
+        counted += event == "/jax/core/compile/backend_compile_duration" and duration_secs >= 0.0
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    return lambda: counted
+
+
+def peak_rss_mb() -> float:
+    """Largest memory of this process so far, 10⁶ bytes."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        try:
+            import resource
+        except ImportError:  # Windows
+            return float("nan")
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1e-6
+    # On Linux getrusage includes the memory of the parent process.
+    found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text(encoding="ascii"))
+    assert found is not None
+    return int(found.group(1)) * 1.024e-3

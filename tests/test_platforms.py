@@ -15,7 +15,7 @@ for name in sys.argv[1].split():
 for name in sys.argv[2].split():
     importlib.import_module(name)
 from lgprjax.files import file_hash
-from lgprjax.process_cost import peak_rss_mb
+from lgprjax.machine import peak_rss_mb
 assert peak_rss_mb() > 0.0
 print("imported")
 from lgprjax.cli import main

@@ -23,7 +23,7 @@ from lgprjax.batch.register import HeldGround, RegisteredDrive, register_log, tr
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash, lock_file, make_folder
 from lgprjax.formats import DriveLog, MapFile, atomic_output
-from lgprjax.process_cost import count_compiles, peak_rss_mb
+from lgprjax.machine import count_compiles, peak_rss_mb
 from lgprjax.registration import WRONG_M, Code, RegisterOptions
 
 

@@ -19,7 +19,7 @@ from canon.map import built_with_many_grounds
 from canon.shared import shared_folder
 from lgprjax.cli.simulated_run import _SHOWN
 from lgprjax.formats import VehicleLog
-from lgprjax.process_cost import count_compiles
+from lgprjax.machine import count_compiles
 
 
 class Driven(NamedTuple):

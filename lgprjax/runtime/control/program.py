@@ -14,7 +14,7 @@ from lgprjax.batch.vehicles import tool_of
 from lgprjax.coverage.resume import RoutePlace
 from lgprjax.files import file_hash
 from lgprjax.formats import read_vehicle
-from lgprjax.process_cost import count_compiles
+from lgprjax.machine import count_compiles
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.choices import Choices
 from lgprjax.runtime.config import RuntimeConfig

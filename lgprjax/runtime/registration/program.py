@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Shaped
 
 from lgprjax.formats import MapFile, VehicleFile, read_vehicle
-from lgprjax.process_cost import count_compiles
+from lgprjax.machine import count_compiles
 from lgprjax.registration import TRACK_SCANS, Code, DriveFixes, Track
 from lgprjax.run_records import FIX, SEARCHED, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.port import Arrival, Port
