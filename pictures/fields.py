@@ -168,8 +168,8 @@ _SIGMAS_M = (0.02, 0.1, 0.25)
 def draw_worked_probability(field: SampleField, path: Path) -> None:
     """Draw the probability of every cell of the field, and that across one swath for three uncertainties."""
     worked = field.worked
-    with chart(path, 11.4) as figure:
-        plan, section = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
+    with chart(path, 9.8) as figure:
+        plan, section = figure.subplots(2, 1, height_ratios=(1.6, 1.0))
         image = _image(plan, worked, worked.probability, cmap="viridis", vmin=0.0, vmax=1.0)
         figure.colorbar(image, ax=plan, location="bottom", aspect=30, pad=0.02)
         plan.set_title("Probability that the tool worked it")
