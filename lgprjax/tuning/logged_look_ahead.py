@@ -279,7 +279,7 @@ def tune_on_draws(vehicles: DrawnVehicles, trials: TrialCourses, config: DrawnTu
         raise ValueError(
             f"trials are made for delays of up to {trials.longest_delay_s:g} s, draws go to {longest:.3f} s"
         )
-    # One offset tells which look-ahead is best; the schedule itself is judged from all of them.
+    # One offset decides which look-ahead is best; the schedule itself is judged from all of them.
     one = replace(trials, offsets_m=(max(trials.offsets_m, key=abs),))
     best = _best_lengths(vehicles, one)
     middle = np.median(best, axis=0)

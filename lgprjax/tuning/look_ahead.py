@@ -47,7 +47,7 @@ class TunedVehicle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrialCourses:
-    """Courses, each driven at every speed from every offset. Static: what is compiled serves all of equal content.
+    """Courses, each driven at every speed from every offset. Static: equal courses share their compiled programs.
 
     Attributes:
         paths: courses.
@@ -293,7 +293,7 @@ def _long_enough(vehicle: TunedVehicle, trials: TrialCourses, schedule: LookAhea
 # Whether a logged drive swings about its line for good: a limit cycle, its size and its period (MF section 4).
 #
 # Noise and the damped swings that it feeds do not repeat: over half a period a limit cycle is its own mirror image,
-# over a whole one it is itself. Autocorrelation at both lags, over enough periods, tells the two apart; slow wandering
+# over a whole one it is itself. Autocorrelation at both lags, over enough periods, separates the two; slow wandering
 # and the noise of single records are filtered out before.
 
 _PERIODS = 4.0

@@ -63,7 +63,7 @@ _SPAN, _PRIOR_SPAN = 4.0, 3.0
 REACHED_SHARE = 0.7
 """Of the largest rate: drives that turn the wheels no faster only bound it from below."""
 ODOMETER_SHARE = 0.005
-"""Standard deviation of the odometer's scale: drives tell neither the rear ratio nor slip apart from it."""
+"""Standard deviation of the odometer's scale: drives cannot separate it from the rear ratio or slip."""
 
 
 class LoopPrior(NamedTuple):
@@ -105,7 +105,7 @@ class LoopLogs(NamedTuple):
 
 
 class LoopPosterior(NamedTuple):
-    """What is known of the numbers, in units of the prior's width from its value.
+    """Deviation of the numbers from the prior, in units of its width.
 
     Attributes:
         place: at each rate of the grid; its own place among them.
@@ -331,8 +331,8 @@ def _solve(
 ) -> Float[Array, " number"]:
     """Levenberg-Marquardt of the numbers that are free, until it rests; the prior is a residual like any other.
 
-    Where a score scatters more than white noise would, the drives tell less of its number, and the prior counts for
-    more by the square: so that the place belongs to the interval.
+    Where a score scatters more than white noise would, the drives hold less information on its number, and the prior
+    counts for more by the square: so that the place belongs to the interval.
     """
     held = memory**2
 

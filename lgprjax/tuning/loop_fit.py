@@ -1,4 +1,4 @@
-"""What drives tell of the steering loop in numbers: values with their intervals, and whether torque is missing."""
+"""Numbers of the steering loop identified from drives: values with intervals, and whether torque is missing."""
 
 from typing import NamedTuple
 
@@ -24,20 +24,20 @@ from lgprjax.tuning.robust import Estimate, NotExcitedError, student_95
 
 LEAST_S = 10.0
 TOLD_SHARE = 0.5
-"""A number is told by the drives where they halve its width, or narrow it further."""
+"""Posterior width over prior width up to which a number counts as identified by the drives."""
 _LARGEST_LEFT = 0.5
 _BETWEEN = 16
 """Places between two rates of the grid."""
 
 
 class LoopFit(NamedTuple):
-    """The loop as drives and vehicle file tell it together.
+    """The loop, estimated from the drives with the vehicle file as prior.
 
     Attributes:
         numbers: by name, with 95 % intervals.
-        told: names of those that the drives tell, being half as wide as before or narrower.
+        told: names of the identified numbers, at most half as wide as before.
         narrowed: width over that before the drives, by name.
-        rate_bounded: the drives tell from below only how fast the servo turns.
+        rate_bounded: the drives only give a lower bound of the servo's rate.
         limit_share: highest share of the servo's largest rate that a drive reached.
         scale: of the residuals: front angle and yaw rate of each drive.
         place: mean of the posterior, in units of the prior's width.
@@ -137,8 +137,8 @@ def torque_verdict(fit: LoopFit) -> str:
 
     By the likelihood of the drives (its interval: Wilks, 1938), since the file is the yardstick: what it says of the
     rate is taken out of the posterior. Full torque and 30 % less are parted half-way, at the root of 0.7: for files
-    whose rate is right to within 16 %. Drives that turn fast to one side tell of the rate to that side, not of the mean
-    of both: what is compared is the rate to the side, or between the two, that they know best.
+    whose rate is right to within 16 %. Drives that turn fast to one side identify the rate to that side, not the
+    mean of both: the best known rate is compared, to a side or between the two.
     """
     from scipy.special import stdtrit  # those who draw pictures import this module and need not wait for it
 

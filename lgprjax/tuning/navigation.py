@@ -337,7 +337,7 @@ def _observable(slope: Float[np.ndarray, "drive tick noise"]) -> Bool[np.ndarray
 
 
 def _stretch_numbers(step_s: Float[np.ndarray, "drive tick"], stretch_s: float) -> list[Int[np.ndarray, " _"]]:
-    """Of each drive the number of the stretch that each of its ticks lies in; ticks of no length are left out."""
+    """Number of the stretch of each tick, a drive each; ticks of no length are left out."""
     return [(np.cumsum(lane[lane > 0.0]) / stretch_s - 1e-6).astype(int) for lane in step_s]
 
 
@@ -378,7 +378,7 @@ _FEW = 20
 
 
 class ThresholdFit(NamedTuple):
-    """What was found.
+    """The fitted threshold.
 
     Attributes:
         found: the vehicle ignores small commands: no threshold explains the log clearly worse.

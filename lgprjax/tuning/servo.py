@@ -37,7 +37,7 @@ class ServoLog(NamedTuple):
     """Commands on the model's steps, and where the records lie between them.
 
     Attributes:
-        servo: what is not sought: play, and what is left of the torque.
+        servo: known properties: play, and the remaining torque.
         command_rad, share: what holds from each step on.
         at: steps from the first to each record.
         used: records that count: not those for which the model does not know the state.
@@ -187,7 +187,7 @@ class ServoFit(NamedTuple):
 
     Attributes:
         lag_s, delay_s, dead_band_rad, rate_radps, asymmetry: as in ``Servo``.
-        zero_rad: what the wheel angle sensor reads where the wheels stand straight.
+        zero_rad: reading of the wheel angle sensor with the wheels straight.
         servo: with the values found, and play and voltages as given.
         swarm: what the particle swarm found, in the order of the six numbers above.
         apart: largest difference of the swarm's numbers from those by gradient, in standard errors.

@@ -29,7 +29,7 @@ from lgprjax.vehicle.sensors import DriveSignals
 #
 # G = (yaw rate) / (v κ) = 1 / (1 + (v/V)²), so that 1/G is a straight line in v². A wheel angle that is some per cent
 # wrong multiplies 1/G at all speeds alike, and one that is turned by a constant moves left and right turns apart: both
-# are fitted beside the slope, 1/V².
+# are fitted with the slope, 1/V².
 
 _LEAST_TURN, _LEAST_TESTED_TURN = 0.1, 0.06
 """κL of a turn that is used. In turning tests front wheels alone make 0.1 of the 6 degrees that a crew is asked for."""
@@ -402,10 +402,10 @@ def drifting_fit(
 
 # Calibration 4: k, the rear wheels' share of the front angle, by heading or by two measured wheel angles.
 #
-# The curvature of a turn gives (1 + k) φ and no more. What tells k is where the turn's centre lies along the body,
+# The curvature of a turn gives (1 + k) φ and no more. k shows in the place of the turn's centre along the body,
 # x_c: the rear axle moves at −ψ to the body, ψ = kφ, so that the direction of its path less the INS heading, over the
 # curvature, is −x_c, which tends to −kL / (1 + k). An INS that is mounted askew adds a constant; left turns and right
-# turns tell it from k. The other way is to measure both wheel angles.
+# turns separate it from k. The other way is to measure both wheel angles.
 
 _ONLY_CURVATURE = "turning curvature only, which gives (1 + k) φ and not k"
 """κL that turns to both sides must reach, and rad that measured front angles must span."""
@@ -422,7 +422,7 @@ class RearRatioFit(NamedTuple):
         ratio: k.
         offset_rad: what the fit had to take off: by heading, how far INS headings are turned against the body's, to the
             left; by wheel angles, the rear angle where the front one is 0.
-        drift_rad: of the headings, beside their white noise; 0 by wheel angles.
+        drift_rad: drift of the headings, in addition to their white noise; 0 by wheel angles.
         numbers: stretches, or blocks of records, that the fit used.
     """
 

@@ -1,4 +1,4 @@
-"""How well a drive followed its path: RMS by speed, settling, overshoot, limit cycle, gains; who steered told apart."""
+"""How well a drive followed its path: RMS by speed, settling, overshoot, limit cycle, gains; by who steered."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -27,7 +27,7 @@ LEAST_S = 8.0
 
 
 class TrackedDrive(NamedTuple):
-    """A drive beside its path, on even ticks.
+    """A drive and its path, on even ticks.
 
     Attributes:
         time_s: of the ticks.
@@ -101,7 +101,7 @@ class Gains(NamedTuple):
 
 
 class Tracking(NamedTuple):
-    """What a drive shows.
+    """Tracking figures of a drive.
 
     Attributes:
         bands: RMS by speed and by who steered.
