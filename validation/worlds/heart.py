@@ -3,7 +3,7 @@
 The same drives of the same worlds by both, in one run: shares, errors, consistency, first fix and time a day; then
 every drive over other worlds' maps, begun anew every four metres, where the least ``p_false`` of a piece should be
 below x no more often than with the probability x. Worlds stay in the folder ``--keep``; figures are added to
-``--record`` line by line. ``heart.jsonl`` holds days of 8 worlds and whole drives of 23 pairs, 12 of them also smoothed.
+``--record`` line by line. ``heart.jsonl`` holds days of 8 worlds and whole drives of 23 pairs.
 """
 
 import argparse
