@@ -10,37 +10,13 @@ from lgprjax.cli.options import Option, options_of
 from lgprjax.cli.verbs import VERBS, Verb, VerbGroup, every_verb
 
 _LEFT = 26
-SHARED = (
-    Option(
-        names=("-h", "--help"),
-        metavar="",
-        text="show this help",
-        default="",
-        required=False,
-        values=0,
-        reads=(),
-        choices=(),
-    ),
-    Option(
-        names=("-q", "--quiet"),
-        metavar="",
-        text="print only errors and the result",
-        default="",
-        required=False,
-        values=0,
-        reads=(),
-        choices=(),
-    ),
-    Option(
-        names=("-v", "--verbose"),
-        metavar="",
-        text="also print durations and details",
-        default="",
-        required=False,
-        values=0,
-        reads=(),
-        choices=(),
-    ),
+SHARED = tuple(
+    Option(names=names, metavar="", text=text, default="", required=False, values=0, reads=(), choices=())
+    for names, text in (
+        (("-h", "--help"), "show this help"),
+        (("-q", "--quiet"), "print only errors and the result"),
+        (("-v", "--verbose"), "also print durations and details"),
+    )
 )
 """Options of every command. ``lgprjax.cli.command`` reads them before the command is parsed."""
 _WHAT = "Localizing ground-penetrating radar: locate a vehicle by radar scans."

@@ -16,7 +16,7 @@ from lgprjax.runtime.control.compiled import TickResult
 from lgprjax.runtime.control.modes import CUT, PEDALS, CheckItem
 from lgprjax.runtime.control.pilot import Ordered, Pilot, is_sure
 from lgprjax.runtime.control.places import Place, line_of, same_place
-from lgprjax.runtime.control.senses import LocalAttitude, LocalPosition, Sensed, Senses
+from lgprjax.runtime.control.senses import NOTHING_SENSED, LocalAttitude, LocalPosition, Sensed, Senses
 from lgprjax.runtime.control.setup import LaidRoute, Loaded
 from lgprjax.runtime.control.vehicle_kind import (
     LINE,
@@ -215,21 +215,6 @@ def degrading(result: TickResult) -> float:
     return whole(result.reasons) & ~excused
 
 
-_COUNTER_STEER_NOTHING = Sensed(
-    step_s=0.0,
-    yaw_rate_radps=math.nan,
-    place=None,
-    attitude=None,
-    fix=None,
-    p_false=math.nan,
-    odometer_mps=math.nan,
-    travel_lost=False,
-    wheels=None,
-    foot_on_brake=False,
-    wheels_age_s=math.inf,
-)
-
-
 class CounterSteer:
     """See ``VehicleKind``.
 
@@ -262,7 +247,7 @@ class CounterSteer:
         self._travel_lost = True
         self._fix_ns: int | None = None
         self._now_ns = 0
-        self._sensed: Sensed = _COUNTER_STEER_NOTHING
+        self._sensed: Sensed = NOTHING_SENSED
         self._watched = Watched(Watch(0), Severity.CONTINUE, [], math.nan, 0.0, False)
 
     @property

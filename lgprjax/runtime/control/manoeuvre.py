@@ -52,7 +52,7 @@ from lgprjax.runtime.config import CalibrationTable, RuntimeConfig
 from lgprjax.runtime.control.compiled import as_vector, named_numbers
 from lgprjax.runtime.control.manoeuvre_programs import LEAST_BRAKING_MPS2, PedalProgram, SteeringProgram
 from lgprjax.runtime.control.modes import PEDALS, STEERING, CheckItem
-from lgprjax.runtime.control.senses import BoxStatus, LocalPosition, Sensed, Senses, wheel_belief
+from lgprjax.runtime.control.senses import NOTHING_SENSED, BoxStatus, LocalPosition, Senses, wheel_belief
 from lgprjax.runtime.control.setup import TICK_S
 from lgprjax.runtime.control.vehicle_kind import (
     LINE,
@@ -159,19 +159,6 @@ def with_assumed(vehicle: VehicleFile) -> VehicleFile:
     return with_values(vehicle, {path: value for path, value in ASSUMED.items() if table[path[9:]] is None}, {})
 
 
-_NOTHING = Sensed(
-    step_s=0.0,
-    yaw_rate_radps=math.nan,
-    place=None,
-    attitude=None,
-    fix=None,
-    p_false=math.nan,
-    odometer_mps=math.nan,
-    travel_lost=False,
-    wheels=None,
-    foot_on_brake=False,
-    wheels_age_s=math.inf,
-)
 _PLACE_OLD_S, _COARSE_M = 1.0, 0.5
 """Age, and error, up to which a position is used."""
 _OUT_RAD, _STRAIGHT_RAD, _OUT_S = math.radians(6.0), math.radians(4.0), 0.4
@@ -214,7 +201,7 @@ class ManoeuvreKind:
         self._mark: _Mark | None = None
         self._way_m = self._apart_s = 0.0
         self._session = 0
-        self._sensed, self._now_ns = _NOTHING, 0
+        self._sensed, self._now_ns = NOTHING_SENSED, 0
         self._bits, self._front = Watch(0), math.nan
         self._sent = SentCommand(0.0, 0.0, 0.0, 0)
         self._limiter = init_limiter(jnp.float32(0.0))

@@ -325,6 +325,22 @@ class Sensed(NamedTuple):
     wheels_age_s: float
 
 
+NOTHING_SENSED = Sensed(
+    step_s=0.0,
+    yaw_rate_radps=math.nan,
+    place=None,
+    attitude=None,
+    fix=None,
+    p_false=math.nan,
+    odometer_mps=math.nan,
+    travel_lost=False,
+    wheels=None,
+    foot_on_brake=False,
+    wheels_age_s=math.inf,
+)
+"""State before the first tick."""
+
+
 class Senses(LineSenses):
     """Takes the lines' messages one by one.
 
