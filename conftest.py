@@ -57,7 +57,16 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 # Files that drive the whole chain, minutes each: first, so that no worker is left with one when the others are done.
 # Processes that tests start come after the files that compile the same programs and cache them.
 _LONG = (
-    *("cli/test_calibrate.py", "frozen", "test_public.py", "batch", "test_docs.py", "registration", "simulation"),
+    *(
+        "cli/test_calibrate.py",
+        "frozen",
+        "test_public.py",
+        "batch",
+        "recordings",
+        "test_docs.py",
+        "registration",
+        "simulation",
+    ),
     *("cli", "navigation", "runtime", "studies", "report", "scene"),
 )
 

@@ -21,7 +21,18 @@ from validation.worlds.table import markdown_of, read_figures
 
 _ROOT = Path(__file__).parent
 _ROOMS = (
-    *("formats", "batch", "mapping", "studies", "worked", "registration", "subsurface", "radar", "pso", "navigation"),
+    *(
+        "formats",
+        "recordings",
+        "batch",
+        "mapping",
+        "worked",
+        "registration",
+        "subsurface",
+        "radar",
+        "pso",
+        "navigation",
+    ),
     *("coverage", "autopilot", "vehicle", "tuning", "scene", "simulation", "runtime.config", "report"),
     *("config", "wire", "run_records", "frames", "errors"),
 )

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.batch.recording import track_of_drive
 from lgprjax.batch.register import RegisteredDrive, true_errors, true_poses
 from lgprjax.formats import DriveLog
 from lgprjax.frames import LocalFrame, along_cross
+from lgprjax.recordings.drives import track_of_drive
 from lgprjax.registration import WRONG_M, Code
 from lgprjax.subsurface import SpatialIndex
 

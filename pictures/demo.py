@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lgprjax.batch import FixExample, RegisteredDrive, fix_example, register_log
-from lgprjax.batch.recording import gnss_gaps
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
+from lgprjax.recordings.drives import gnss_gaps
 from lgprjax.registration import RegisterOptions
 from lgprjax.report import DriveResult
 from lgprjax.report.registered import drive_result

@@ -150,7 +150,7 @@ def _shoot(
 
 def _calibrating() -> dict[str, Any]:
     """In the middle of the pedal steps."""
-    from lgprjax.studies.calibration import STEPS
+    from lgprjax.tuning.studies.calibration import STEPS
 
     step = next(each for each in STEPS if each.name == "pedals")
     return {

@@ -13,8 +13,8 @@ from printed_options import messages, unknown_options
 _ROOT = Path(__file__).parents[1]
 # Texts that a verb refers to and never prints: by place, and why.
 NOT_PRINTED = {
-    "batch.recording.SweepDrive.chain": "map build and map update alone choose the chain of a map",
-    "batch.recording.TraceDrive.chain": "map build and map update alone choose the chain of a map",
+    "recordings.drives.SweepDrive.chain": "map build and map update alone choose the chain of a map",
+    "recordings.drives.TraceDrive.chain": "map build and map update alone choose the chain of a map",
     "cli.imports.finished": "each line is for verbs that have its option",
     "cli.register._claim": "the demo replaces its own folder",
     "simulation.sites.output_paths": "the demo replaces its own folder",

@@ -6,7 +6,18 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1] / "lgprjax"
 _UNIX = ("fcntl", "termios", "resource", "tty", "pty", "grp", "pwd")
-_OFFLINE = ("batch", "cli", "formats", "mapping", "registration", "report", "scene", "simulation", "studies", "tuning")
+_OFFLINE = (
+    "batch",
+    "cli",
+    "formats",
+    "mapping",
+    "recordings",
+    "registration",
+    "report",
+    "scene",
+    "simulation",
+    "tuning",
+)
 _ON_BOARD = ("worker", "simulated_run", "simulated", "lockstep")  # a worker process; parts of `lgprjax run`
 _PROGRAM = """
 import importlib, sys

@@ -31,10 +31,10 @@ from lgprjax.api.maps import Map
 from lgprjax.api.matching import Batch
 from lgprjax.api.page import api_page, examples
 from lgprjax.api.vehicles import Vehicle
-from lgprjax.batch.recording import RecordedBlock, TraceDrive
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.pso import SwarmResult
+from lgprjax.recordings.drives import RecordedBlock, TraceDrive
 from lgprjax.report import WRONG_M
 from lgprjax.tuning.look_ahead import TrialCourses, TunedVehicle, sweep_look_ahead
 from lgprjax.vehicle import line_course

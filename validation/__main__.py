@@ -23,7 +23,7 @@ _NOTHING_RAN = 5
 # What runs a hundred times a tick and has no arrays is left out.
 TYPED = (
     *("api.matching", "autopilot", "batch", "coverage", "formats", "frames", "mapping", "navigation", "pso", "radar"),
-    *("registration", "report", "scene", "simulation.field_loop", "simulation.loop", "studies", "subsurface"),
+    *("registration", "report", "scene", "simulation.field_loop", "simulation.loop", "recordings", "subsurface"),
     *("tuning", "vehicle", "worked"),
 )
 

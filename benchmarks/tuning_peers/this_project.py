@@ -17,15 +17,15 @@ import numpy as np
 from benchmarks.process import hold_to
 from benchmarks.rollout_peers.work import peak_rss_mb, seconds
 from benchmarks.tuning_problem import VEHICLE, TuningProblem, save_tuning
-from lgprjax.batch.vehicles import chassis_of, servo_of
 from lgprjax.formats import Study, read_vehicle
-from lgprjax.studies.drives import loop_drive, loop_logs
-from lgprjax.studies.logs import Task
-from lgprjax.studies.look_ahead import LoggedLookAheadStudy
-from lgprjax.studies.steering import FinishedStudy, run_study
+from lgprjax.recordings.vehicles import chassis_of, servo_of
 from lgprjax.tuning.logged_look_ahead import DrawnVehicles, drawn_vehicles, judge_drawn
 from lgprjax.tuning.loop import LoopLogs, draw_loops
 from lgprjax.tuning.loop_fit import fit_loop
+from lgprjax.tuning.studies.drives import loop_drive, loop_logs
+from lgprjax.tuning.studies.logs import Task
+from lgprjax.tuning.studies.look_ahead import LoggedLookAheadStudy
+from lgprjax.tuning.studies.steering import FinishedStudy, run_study
 from lgprjax.vehicle import ProportionalRear, look_ahead_m, stretched_look_ahead
 
 _AT_ONCE = 512

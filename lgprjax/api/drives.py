@@ -55,7 +55,7 @@ class Drive:
         Raises:
             InputError: the log has no radar recording or is damaged, or ``scans`` is not a slice.
         """
-        from lgprjax.batch import recording_of
+        from lgprjax.recordings import recording_of
 
         require_slice(scans)
         with DriveLog.open(self.path) as log:

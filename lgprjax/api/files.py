@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-    from lgprjax.batch import DriveHealth
+    from lgprjax.recordings import DriveHealth
     from lgprjax.report import LineView
 
 
@@ -77,7 +77,7 @@ def check(file: PathLike, *, health: bool = False) -> Checked:
     checked = Checked(path.absolute(), tuple(check_file(path)))
     if not (health and checked.ok):
         return checked
-    from lgprjax.batch import drive_health, has_radar, vehicle_health
+    from lgprjax.recordings import drive_health, has_radar, vehicle_health
 
     if not has_radar(path):
         return Checked(checked.path, checked.findings, vehicle_health(VehicleLog.open(path)))

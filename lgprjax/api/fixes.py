@@ -143,7 +143,7 @@ def register(site: PathLike, drive: PathLike, *, options: RegisterOptions | None
         fixes.plot().set_title("live")
     """
     from lgprjax.batch import register_log
-    from lgprjax.batch.recording import gnss_gaps
+    from lgprjax.recordings.drives import gnss_gaps
     from lgprjax.report.registered import drive_result
 
     options = RegisterOptions() if options is None else options

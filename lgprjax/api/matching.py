@@ -228,8 +228,8 @@ def batch_of(
     Raises:
         InputError: as ``Map.batch`` does, or the drive cannot be used on this map.
     """
-    from lgprjax.batch.recording import AS_STATED, live_operators, track_of_drive
     from lgprjax.batch.register import find_alignment, may_be_misaligned, reversed_track
+    from lgprjax.recordings.drives import AS_STATED, live_operators, track_of_drive
 
     description = source.description
     require_number("window_m", window_m, f"0 to {_FARTHEST_M:g}", 0.0, _FARTHEST_M)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from lgprjax.formats import Study
     from lgprjax.formats.settings_files import Kind
-    from lgprjax.studies.steering import FinishedStudy
+    from lgprjax.tuning.studies.steering import FinishedStudy
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def moving_parts(file: VehicleFile, path: Path | None) -> tuple[Chassis, Servo]:
     Raises:
         InputError: a skid-steer vehicle, or a required number is not in the file.
     """
-    from lgprjax.batch import chassis_of, servo_of
+    from lgprjax.recordings import chassis_of, servo_of
 
     where = "vehicle file" if path is None else path
     return chassis_of(file, where), servo_of(file, where)
@@ -243,7 +243,7 @@ def tune(
         tuned.vehicle.save("tuned.vehicle.toml", force=True)
     """
     from lgprjax.formats import Study, read_study
-    from lgprjax.studies.steering import run_study
+    from lgprjax.tuning.studies.steering import run_study
 
     if vehicle is not None:
         file = vehicle.path if isinstance(vehicle, Vehicle) else path_of(vehicle, "vehicle")

@@ -1,10 +1,9 @@
-"""Registration of drives against a map, one or thousands; health, recovery and accuracy of drives."""
+"""Registration of drives against a map, one or thousands, over worker processes."""
 
 from lgprjax.batch.assumptions import away_in_words, distance_to_map_m, is_place_assumed, map_assumed_in_words
 from lgprjax.batch.calibrate import CalibrationMatches, thresholds_from, try_drives
 from lgprjax.batch.chance import chance_of
 from lgprjax.batch.examples import FixExample, GroundStrips, example_scan, fix_example
-from lgprjax.batch.health import DriveHealth, drive_health, has_radar, vehicle_health
 from lgprjax.batch.jobs import (
     CELL_M,
     ArchiveRun,
@@ -29,8 +28,6 @@ from lgprjax.batch.jobs import (
     write_record,
 )
 from lgprjax.batch.on_board import Agreement, agreement, on_board_of, options_as_provenance, options_on_board
-from lgprjax.batch.recording import DriveTrack, SweepDrive, TraceDrive, poses_of, recording_of, track_of_drive
-from lgprjax.batch.recover import RunDrive, write_run_drive
 from lgprjax.batch.register import (
     HeldGround,
     RegisteredDrive,
@@ -51,29 +48,6 @@ from lgprjax.batch.results import (
     worst_places,
     write_table,
 )
-from lgprjax.batch.trajectories import (
-    Comparison,
-    compare_fixes,
-    frame_of_drive,
-    trajectory_of_fixes,
-    trajectory_of_track,
-)
-from lgprjax.batch.vehicles import (
-    SkidVehicle,
-    array_of_vehicle,
-    carrot_of,
-    chassis_of,
-    filter_model_of,
-    of_channels,
-    open_numbers,
-    pattern_settings_of,
-    pedals_of,
-    require_drivable,
-    servo_of,
-    skid_setup_of,
-    tool_of,
-)
-from lgprjax.batch.verdicts import HealthFigure, Stretch, Verdict
 from lgprjax.batch.workers import JobOutcome, WorkerPool, run_on_scheduler
 
 __all__ = [
@@ -84,14 +58,10 @@ __all__ = [
     "BadPlace",
     "CalibrationMatches",
     "CellTally",
-    "Comparison",
     "DriveFigures",
-    "DriveHealth",
-    "DriveTrack",
     "FileStamp",
     "FixExample",
     "GroundStrips",
-    "HealthFigure",
     "HeldGround",
     "Job",
     "JobCost",
@@ -99,72 +69,43 @@ __all__ = [
     "JobPlan",
     "JobRecord",
     "RegisteredDrive",
-    "RunDrive",
-    "SkidVehicle",
-    "Stretch",
-    "SweepDrive",
-    "TraceDrive",
-    "Verdict",
     "WorkerPool",
     "WorkerShare",
     "agreement",
-    "array_of_vehicle",
     "away_in_words",
-    "carrot_of",
     "cell_sums",
     "chance_of",
-    "chassis_of",
     "check_region",
     "check_search",
     "claimed",
-    "compare_fixes",
     "distance_to_map_m",
-    "drive_health",
     "drive_name",
     "example_scan",
-    "filter_model_of",
     "fix_example",
-    "frame_of_drive",
-    "has_radar",
     "is_place_assumed",
     "jobs_folder",
     "key_of_job",
     "map_assumed_in_words",
     "note_failure",
-    "of_channels",
     "on_board_of",
-    "open_numbers",
     "options_as_provenance",
     "options_on_board",
     "outputs_of",
-    "pattern_settings_of",
-    "pedals_of",
     "plan_jobs",
-    "poses_of",
     "read_record",
     "read_records",
-    "recording_of",
     "records_of",
     "register_log",
-    "require_drivable",
     "run_on_scheduler",
-    "servo_of",
     "settings_of",
     "shares_of",
-    "skid_setup_of",
     "stamp_of",
     "summed",
     "sums_of",
     "thresholds_from",
-    "tool_of",
-    "track_of_drive",
-    "trajectory_of_fixes",
-    "trajectory_of_track",
     "try_drives",
-    "vehicle_health",
     "worst_places",
     "write_record",
     "write_registered",
-    "write_run_drive",
     "write_table",
 ]

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.batch.recording import track_of_drive
 from lgprjax.batch.register import RegisteredDrive, register_log
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile
+from lgprjax.recordings.drives import track_of_drive
 from lgprjax.registration import Outcomes, RegisterOptions, Thresholds, Track, calibrate, joined, outcomes_of
 
 _OPEN = Thresholds(strength_by_chance=0.0, margin_by_chance=0.0, overlap=0.8)

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.batch.recording import live_operators
 from lgprjax.batch.register import RegisteredDrive, live_blocks
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.radar import ArrayGeometry, CoefficientBasis
+from lgprjax.recordings.drives import live_operators
 from lgprjax.registration import (
     BLOCK_SCANS,
     RegisterOptions,

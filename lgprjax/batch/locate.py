@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from lgprjax.batch.recording import live_operators, recording_of, track_of_drive
 from lgprjax.errors import ArgumentError
 from lgprjax.files import make_folder
 from lgprjax.formats import DriveLog, MapFile, atomic_output
 from lgprjax.radar import ArrayGeometry, air_delay_ns, centre_of, shift_travel_time
+from lgprjax.recordings.drives import live_operators, recording_of, track_of_drive
 from lgprjax.registration import RegisterOptions, ground_map_for
 from lgprjax.registration.bayes import Likelihood, anywhere, measure_likelihood
 from lgprjax.registration.bayes.drive import SPACING, first_of_each

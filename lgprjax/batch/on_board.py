@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lgprjax.batch.recording import recording_of
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog
 from lgprjax.frames import LocalFrame
+from lgprjax.recordings.drives import recording_of
 from lgprjax.registration import (
     BLOCK_SCANS,
     FINISH_SWARM,

@@ -18,7 +18,14 @@ from lgprjax.batch.assumptions import away_in_words, is_baseline, is_place_assum
 from lgprjax.batch.chance import chance_of
 from lgprjax.batch.foreign import likelihood_of
 from lgprjax.batch.on_board import Agreement, agreement, on_board_of, placed, searches_of
-from lgprjax.batch.recording import (
+from lgprjax.errors import ArgumentError
+from lgprjax.files import file_hash
+from lgprjax.formats import DriveLog, MapFile, TraceRecording, assumed_of, write_fixes
+from lgprjax.frames import LocalFrame, along_cross
+from lgprjax.machine import compile_clock
+from lgprjax.pso import SwarmConfig
+from lgprjax.radar import ArrayGeometry, uniform_array
+from lgprjax.recordings.drives import (
     AS_STATED,
     Alignment,
     DriveTrack,
@@ -30,13 +37,6 @@ from lgprjax.batch.recording import (
     travel_line,
     travel_scale,
 )
-from lgprjax.errors import ArgumentError
-from lgprjax.files import file_hash
-from lgprjax.formats import DriveLog, MapFile, TraceRecording, assumed_of, write_fixes
-from lgprjax.frames import LocalFrame, along_cross
-from lgprjax.machine import compile_clock
-from lgprjax.pso import SwarmConfig
-from lgprjax.radar import ArrayGeometry, uniform_array
 from lgprjax.registration import (
     BLOCK_SCANS,
     PIECE_M,

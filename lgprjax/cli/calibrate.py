@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lgprjax.cli.lockstep import LockStep
     from lgprjax.formats import VehicleFile
     from lgprjax.runtime.config import RuntimeConfig
-    from lgprjax.studies.calibration import CalibrationStep, FittedStep
+    from lgprjax.tuning.studies.calibration import CalibrationStep, FittedStep
 
 _JUDGE_S = 10.0
 """Period at which the recording of a manoeuvre is fitted, s."""
@@ -72,7 +72,7 @@ class Calibrate:
     def run(self) -> int:
         """Calibrate."""
         from lgprjax.formats import read_vehicle
-        from lgprjax.studies.calibration import is_due, require_measured, steps_of
+        from lgprjax.tuning.studies.calibration import is_due, require_measured, steps_of
 
         vehicle = read_vehicle(self.vehicle)
         if vehicle.steering_kind != "counter_steer":
@@ -127,7 +127,7 @@ class Calibrate:
         """Do a step; whether its numbers were found."""
         from lgprjax.formats import read_vehicle, write_vehicle
         from lgprjax.report.study_pictures import study_pictures
-        from lgprjax.studies.calibration import fit_step
+        from lgprjax.tuning.studies.calibration import fit_step
 
         folder.mkdir(parents=True, exist_ok=True)
         vehicle = read_vehicle(self.vehicle)
@@ -186,8 +186,8 @@ class Calibrate:
         return True
 
     def _conclude(self) -> int:
-        from lgprjax.batch import open_numbers
         from lgprjax.formats import read_vehicle
+        from lgprjax.recordings import open_numbers
 
         vehicle = read_vehicle(self.vehicle)
         left = open_numbers(vehicle)
@@ -264,7 +264,7 @@ class _Judge:
     def fit(self, log: Path) -> Judged:
         """The verdict on a drive log."""
         from lgprjax.formats import read_vehicle
-        from lgprjax.studies.calibration import fit_step
+        from lgprjax.tuning.studies.calibration import fit_step
 
         try:
             scratch = self._run / "scratch.vehicle.toml"
@@ -377,8 +377,8 @@ def _tell(fitted: "FittedStep") -> None:
 
 def _list(vehicle: "VehicleFile") -> None:
     """Print each number that driving needs with its state, and the steps that are due."""
-    from lgprjax.batch.vehicles import NEEDED_TO_DRIVE
-    from lgprjax.studies.calibration import is_due, state_of, steps_of
+    from lgprjax.recordings.vehicles import NEEDED_TO_DRIVE
+    from lgprjax.tuning.studies.calibration import is_due, state_of, steps_of
 
     table = Table("number", "state", "needed for", "found by")
     for each in NEEDED_TO_DRIVE:

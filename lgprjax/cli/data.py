@@ -28,9 +28,9 @@ from lgprjax.errors import InputError
 from lgprjax.files import examples_folder
 
 if TYPE_CHECKING:
-    from lgprjax.batch import Comparison, DriveHealth, Stretch
     from lgprjax.formats import RunSummary
     from lgprjax.formats.schema import Finding
+    from lgprjax.recordings import Comparison, DriveHealth, Stretch
     from lgprjax.runtime.config import RuntimeConfig
 
 
@@ -134,8 +134,8 @@ def _tell_assumed(path: Path) -> None:
 
 
 def _measure(path: Path) -> "DriveHealth":
-    from lgprjax.batch import drive_health, has_radar, vehicle_health
     from lgprjax.formats import DriveLog, VehicleLog
+    from lgprjax.recordings import drive_health, has_radar, vehicle_health
 
     if has_radar(path):
         with DriveLog.open(path) as log, progress_bar(f"measuring {path.name}", log.scans) as progress:
@@ -230,8 +230,8 @@ class Export:
     def _write_trajectory(self) -> None:
         if self.truth and self.fixes is not None:
             raise UsageError("--truth, --fixes: expected one of them")
-        from lgprjax.batch import frame_of_drive, trajectory_of_fixes, trajectory_of_track
         from lgprjax.formats import DriveLog, read_fixes, write_trajectory
+        from lgprjax.recordings import frame_of_drive, trajectory_of_fixes, trajectory_of_track
 
         with DriveLog.open(self.drive) as log, working(f"writing {self.output}"):
             found = (
@@ -265,8 +265,8 @@ class Compare:
 
     def run(self) -> None:
         """Compare."""
-        from lgprjax.batch import compare_fixes
         from lgprjax.formats import read_fixes
+        from lgprjax.recordings import compare_fixes
 
         pairs = self._pairs()
         found = {

@@ -30,9 +30,9 @@ class Locate:
 
     def run(self) -> int:
         """Locate. Returns the exit status."""
-        from lgprjax.batch import recording_of, track_of_drive
         from lgprjax.batch.locate import MapLines, check_every, locate_log
         from lgprjax.formats import DriveLog, MapFile
+        from lgprjax.recordings import recording_of, track_of_drive
 
         require_files(self.drives, "drives")
         check_every(self.every_m)

@@ -13,7 +13,7 @@ from lgprjax.cli.terminal import UsageError, console, progress_bar, require_file
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.batch.radar_calibration import Calibrated, StandingSweeps, SweepSource
+    from lgprjax.recordings.radar_calibration import Calibrated, StandingSweeps, SweepSource
 
 Sweeps = Annotated[
     Positional[tuple[Path, ...]],
@@ -39,7 +39,7 @@ class RadarLookup:
 
     def run(self) -> None:
         """Calibrate."""
-        from lgprjax.batch.radar_calibration import lookup_of
+        from lgprjax.recordings.radar_calibration import lookup_of
 
         sources = _sources(self.sweeps)
         shown = _check_outputs(self.output, force=self.force)
@@ -67,8 +67,8 @@ class RadarPlate:
 
     def run(self) -> None:
         """Calibrate."""
-        from lgprjax.batch.radar_calibration import response_of
         from lgprjax.formats import read_radar_calibration
+        from lgprjax.recordings.radar_calibration import response_of
 
         sources = _sources(self.sweeps)
         lookup = read_radar_calibration(self.lookup, sources[0].layout)
@@ -99,7 +99,7 @@ def _check_outputs(output: Path, *, force: bool) -> Path:
 
 
 def _sources(paths: tuple[Path, ...]) -> "list[SweepSource]":
-    from lgprjax.batch.radar_calibration import sweeps_of
+    from lgprjax.recordings.radar_calibration import sweeps_of
 
     require_files(paths, "sweeps")
     if len(set(paths)) < len(paths):
@@ -108,7 +108,7 @@ def _sources(paths: tuple[Path, ...]) -> "list[SweepSource]":
 
 
 def _averaged(sources: "list[SweepSource]") -> "StandingSweeps":
-    from lgprjax.batch.radar_calibration import average_sweeps
+    from lgprjax.recordings.radar_calibration import average_sweeps
 
     with progress_bar("averaging sweeps", sum(source.scans for source in sources)) as progress:
         return average_sweeps(sources, progress)
@@ -118,8 +118,8 @@ def _finish(found: "Calibrated", inputs: tuple[Path, ...], output: Path, shown: 
     """Print the checks; write calibration and picture unless one of them rejects the recording."""
     import numpy as np
 
-    from lgprjax.batch.radar_calibration import refuse_bad
     from lgprjax.formats import write_radar_calibration
+    from lgprjax.recordings.radar_calibration import refuse_bad
     from lgprjax.report.radar_calibration import RadarCalibrationPicture, draw_radar_calibration
 
     table = Table("check", "found", "expected", "rejected at", "verdict")

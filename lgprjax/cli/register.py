@@ -205,9 +205,10 @@ def register_all(
     Args:
         impostors: names of drives over other ground.
     """
-    from lgprjax.batch import check_region, recording_of, register_log, track_of_drive, write_registered
-    from lgprjax.batch.recording import gnss_gaps
+    from lgprjax.batch import check_region, register_log, write_registered
     from lgprjax.formats import DriveLog, MapFile
+    from lgprjax.recordings import recording_of, track_of_drive
+    from lgprjax.recordings.drives import gnss_gaps
     from lgprjax.report import drive_section
     from lgprjax.report.registered import draw_drive, drive_result, earlier_summaries, summarise_search
 

@@ -116,10 +116,10 @@ class Run:
 
     def _resumed(self, config: "RuntimeConfig", folder: Path) -> "RuntimeConfig":
         """The configuration that continues earlier runs, written to the folder of the run."""
-        from lgprjax.batch.vehicles import machine_of
         from lgprjax.coverage.resume import RoutePlace
         from lgprjax.formats import read_vehicle
         from lgprjax.formats.taken_up import write_taken_up
+        from lgprjax.recordings.vehicles import machine_of
         from lgprjax.runtime.config import read_config, write_config
         from lgprjax.worked.plans import open_cover_plan
         from lgprjax.worked.resume import TAKEN_UP, runs_by_plan, take_up

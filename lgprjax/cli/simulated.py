@@ -246,10 +246,10 @@ def field_spec(config: "RuntimeConfig", table: "SimulationTable") -> dict[str, A
     Raises:
         InputError: vehicle, plan or field cannot be used.
     """
-    from lgprjax.batch.vehicles import skid_setup_of
     from lgprjax.formats import read_vehicle
     from lgprjax.formats.field_files import read_field
     from lgprjax.frames import LocalFrame
+    from lgprjax.recordings.vehicles import skid_setup_of
     from lgprjax.runtime.control.skid.setup import load_skid
 
     assert config.coverage is not None

@@ -13,8 +13,8 @@ from lgprjax.cli.terminal import UsageError, console, counted, progress_bar, req
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.studies.fleet import Fleet
-    from lgprjax.studies.steering import FinishedStudy
+    from lgprjax.tuning.studies.fleet import Fleet
+    from lgprjax.tuning.studies.steering import FinishedStudy
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Tune:
         """Run the study."""
         from lgprjax.formats import read_study, write_vehicle
         from lgprjax.report.study_pictures import study_pictures
-        from lgprjax.studies.steering import run_study
+        from lgprjax.tuning.studies.steering import run_study
 
         study = read_study(self.study)
         target = self.output / study.vehicle.name
@@ -137,7 +137,7 @@ class TuneCompare:
         """Compare."""
         from lgprjax.formats import atomic_output, read_vehicle
         from lgprjax.report.fleet import draw_fleet_curves, draw_fleet_numbers
-        from lgprjax.studies.fleet import compare_fleet, table_of_fleet
+        from lgprjax.tuning.studies.fleet import compare_fleet, table_of_fleet
 
         require_files(self.vehicles, "vehicles")
         different = len({path.resolve() for path in self.vehicles})

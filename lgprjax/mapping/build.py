@@ -10,7 +10,12 @@ from jaxtyping import Array, Float
 
 from lgprjax import __version__
 from lgprjax.batch.chance import measure_chance
-from lgprjax.batch.recording import (
+from lgprjax.errors import InputError
+from lgprjax.files import file_hash
+from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapFile, MapPrecision, MapWriter, assumed_of
+from lgprjax.frames import LocalFrame
+from lgprjax.radar import ChainSettings, apply_operator, centre_of, coherence_gain
+from lgprjax.recordings.drives import (
     DriveTrack,
     antennas_of,
     at_levels,
@@ -19,11 +24,6 @@ from lgprjax.batch.recording import (
     scan_spacing_m,
     track_of_drive,
 )
-from lgprjax.errors import InputError
-from lgprjax.files import file_hash
-from lgprjax.formats import MAP_PRECISIONS, DriveLog, MapFile, MapPrecision, MapWriter, assumed_of
-from lgprjax.frames import LocalFrame
-from lgprjax.radar import ChainSettings, apply_operator, centre_of, coherence_gain
 from lgprjax.registration import Chance
 from lgprjax.subsurface import (
     Coherence,

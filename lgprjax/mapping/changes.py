@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lgprjax.batch.chance import KeptStations
-from lgprjax.batch.verdicts import runs
 from lgprjax.formats import MapFile
 from lgprjax.mapping.matching import match_stations, signal_about
 from lgprjax.mapping.verify import WEAK_REPEATS
+from lgprjax.recordings.verdicts import runs
 from lgprjax.registration import Code, RegisterOptions, ground_map_for
 from lgprjax.subsurface import GroundMap, SpatialIndex, coherence_lags
 

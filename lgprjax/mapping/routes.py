@@ -7,7 +7,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lgprjax.batch.vehicles import chassis_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import (
@@ -23,6 +22,7 @@ from lgprjax.formats import (
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.navigation import RoutePath, RouteSpeeds, RouteTrack, is_closed, legs_of_track, make_route_path
 from lgprjax.radar import centre_of
+from lgprjax.recordings.vehicles import chassis_of
 from lgprjax.subsurface import SpatialIndex
 
 _LEAST_M = 2.0

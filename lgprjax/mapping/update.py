@@ -20,7 +20,6 @@ from jaxtyping import Bool, Float, Int
 
 from lgprjax import __version__
 from lgprjax.batch.chance import measure_chance
-from lgprjax.batch.recording import Alignment, DriveTrack, live_operators, scan_spacing_m, track_of_drive
 from lgprjax.batch.register import register_log
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
@@ -57,6 +56,7 @@ from lgprjax.mapping.weights import (
     weigh_baselines,
 )
 from lgprjax.radar import centre_of
+from lgprjax.recordings.drives import Alignment, DriveTrack, live_operators, scan_spacing_m, track_of_drive
 from lgprjax.registration import Code, Fix, RegisterOptions, Track
 from lgprjax.subsurface import MapDescription, TilePlacer
 

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from lgprjax.batch.verdicts import Verdict, runs, verdict_of, worst
 from lgprjax.formats import MapFile
 from lgprjax.mapping.survey import STEP_M, MapSurvey, survey_map
+from lgprjax.recordings.verdicts import Verdict, runs, verdict_of, worst
 from lgprjax.registration import MIN_OVERLAP, Code
 
 # Measurements along a map against stated limits: a verdict for each kind, and the stretches that fall short.

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from lgprjax.formats import VehicleFile
 from lgprjax.report.style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILLION, picture, write_caption
-from lgprjax.studies.fleet import Fleet
+from lgprjax.tuning.studies.fleet import Fleet
 
 _COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INK)
 _MARKERS = "osD^vPX"

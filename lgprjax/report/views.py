@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from lgprjax.batch import poses_of, recording_of
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats import DriveLog, MapFile, Profile, TraceRecording, found_time_zero, read_profile, read_segy
 from lgprjax.formats.profile import check_channel
 from lgprjax.formats.surveys import READERS
 from lgprjax.frames import LocalFrame, body_to_local
 from lgprjax.radar import WAVE_SPEED_M_PER_NS, Radargram, centre_of, clear_view
+from lgprjax.recordings import poses_of, recording_of
 from lgprjax.report.radargram import LinePlan, LineView, MapStations, counted_columns, even_columns, radargram_of
 
 DRIVE, MAP = ".drive.h5", ".map.h5"

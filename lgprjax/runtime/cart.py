@@ -17,7 +17,6 @@ from pynmeagps import NMEAReader
 from pyubx2 import UBXReader
 
 from lgprjax.autopilot import Mode
-from lgprjax.batch.vehicles import tool_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import read_run, read_vehicle
@@ -29,6 +28,7 @@ from lgprjax.formats.plausible import (
     reach_in_time_m,
 )
 from lgprjax.navigation import GnssObservation, SmoothedCart, cart_model, cart_rules, smooth_cart
+from lgprjax.recordings.vehicles import tool_of
 from lgprjax.run_records import COVER, RecordKind, Source, ToolBits
 from lgprjax.runtime.config import read_config
 from lgprjax.runtime.control.senses import GnssSenses, LocalPosition

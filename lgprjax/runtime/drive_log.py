@@ -15,8 +15,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lgprjax.batch import options_as_provenance
-from lgprjax.batch.recover import RecordedTracks, RunDrive, write_run_drive
-from lgprjax.batch.vehicles import filter_model_of
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, NavigationTrack, OdometryTrack, VehicleFile, read_vehicle
 from lgprjax.formats.plausible import plausible_positions, reach_in_time_m
@@ -37,6 +35,8 @@ from lgprjax.navigation import (
     smooth_estimates,
     step_filter,
 )
+from lgprjax.recordings.recover import RecordedTracks, RunDrive, write_run_drive
+from lgprjax.recordings.vehicles import filter_model_of
 from lgprjax.run_records import Record, RecordKind, Source
 from lgprjax.runtime.cart import smoothed_parts
 from lgprjax.runtime.config import RuntimeConfig

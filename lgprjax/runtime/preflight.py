@@ -99,7 +99,7 @@ def check_recordable(config: RuntimeConfig) -> str:
     from lgprjax.formats import read_vehicle
 
     if config.coverage is not None:
-        from lgprjax.batch.vehicles import tool_of
+        from lgprjax.recordings.vehicles import tool_of
 
         path = config.path(config.vehicle)
         return f"{config.vehicle}, tool {tool_of(read_vehicle(path), path).width_m:g} m wide"

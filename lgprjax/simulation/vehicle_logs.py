@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from lgprjax import __version__
 from lgprjax.autopilot.modes import Mode
-from lgprjax.batch.vehicles import array_of_vehicle
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     DriveDescription,
@@ -25,6 +24,7 @@ from lgprjax.formats import (
 )
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import uniform_array
+from lgprjax.recordings.vehicles import array_of_vehicle
 from lgprjax.scene.day import WEATHER
 from lgprjax.scene.drive import default_array
 from lgprjax.scene.ground import GroundConfig, make_ground

@@ -10,7 +10,6 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from lgprjax.batch.vehicles import outline_of_vehicle, pattern_settings_of, skid_setup_of, tool_of
 from lgprjax.coverage import (
     CellGrid,
     Field,
@@ -40,6 +39,7 @@ from lgprjax.formats import CoverPlan, read_cover_plan, read_vehicle, write_cove
 from lgprjax.formats.field_files import FieldPlaces, read_field
 from lgprjax.formats.worked import FULL, WorkedRecord
 from lgprjax.frames import LocalFrame
+from lgprjax.recordings.vehicles import outline_of_vehicle, pattern_settings_of, skid_setup_of, tool_of
 from lgprjax.worked.corners import check_same_field, counter_clockwise, east_north, field_of_places, keep_out_of
 from lgprjax.worked.predicted import predicted_width
 

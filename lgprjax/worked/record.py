@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float, Int, UInt16
 
 from lgprjax import __version__
 from lgprjax.autopilot.modes import ENGAGED
-from lgprjax.batch.run_signals import RowGatherer, rising
 from lgprjax.coverage import (
     LEVELS,
     CellGrid,
@@ -41,6 +40,7 @@ from lgprjax.formats.worked import (
     WorkedRecord,
 )
 from lgprjax.frames import LocalFrame, body_to_local
+from lgprjax.recordings.run_signals import RowGatherer, rising
 from lgprjax.run_records import LONGEST_COVER_STEP_NS, RecordKind, ToolBits, payload_type
 from lgprjax.run_segment import segments_of
 from lgprjax.worked.evidence import Evidence, evidence_json, shared_error

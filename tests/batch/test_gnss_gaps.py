@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from canon.site import Site
-from lgprjax.batch.recording import gnss_gaps
 from lgprjax.formats import DriveLog
+from lgprjax.recordings.drives import gnss_gaps
 
 
 @pytest.fixture

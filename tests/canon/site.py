@@ -12,10 +12,10 @@ import pytest
 
 from canon.shared import shared_folder
 from lgprjax.batch import RegisteredDrive, register_log
-from lgprjax.batch.recording import live_operators, recording_of, track_of_drive
 from lgprjax.batch.register import HeldGround, true_poses
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
+from lgprjax.recordings.drives import live_operators, recording_of, track_of_drive
 from lgprjax.registration import DriveFixes, Fix, LiveBlock, RegisterOptions, Registration, Track, carry_back
 from lgprjax.simulation import write_drives
 

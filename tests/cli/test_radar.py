@@ -7,8 +7,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from batch.run_sample import run_of_drive
-from batch.standing_array import StandingArray
 from canon.commands import run, succeed
 from canon.record import record
 from canon.site import Site
@@ -18,6 +16,8 @@ from lgprjax.runtime.config import read_config
 from lgprjax.runtime.preflight import preflight
 from lgprjax.scene import WEATHER, RadarConfig
 from lgprjax.scene.render import ReceiverConfig, ReceiverFaults, draw_response, time_gain
+from recordings.run_sample import run_of_drive
+from recordings.standing_array import StandingArray
 
 _FIELD = 0.05
 """Echoes of the site's ground relative to the direct coupling."""

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from batch.run_sample import run_of_drive
 from canon.commands import run, succeed
 from canon.site import Site
 from lgprjax.formats import DriveLog, check_file
+from recordings.run_sample import run_of_drive
 
 
 @pytest.fixture

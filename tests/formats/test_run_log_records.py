@@ -6,10 +6,10 @@ import zlib
 
 import numpy as np
 
-from batch.run_sample import frame
 from lgprjax.files import schema_text
 from lgprjax.formats.run_log import frame_data, frame_name, frame_type, read_run_record
 from lgprjax.run_records import Record, RecordKind, Source, pack, payload_type
+from recordings.run_sample import frame
 
 _PAYLOADS = {
     "fix": "<qIBbH4f5d25df",

@@ -12,9 +12,9 @@ import pytest
 from jaxtyping import Float
 from pyubx2 import GET, UBXMessage
 
-from lgprjax.batch.recover import RecordedTracks
 from lgprjax.formats import VehicleFile, read_run
 from lgprjax.frames import LocalFrame, along_cross
+from lgprjax.recordings.recover import RecordedTracks
 from lgprjax.run_records import Record, RecordKind, Source, pack
 from lgprjax.run_segment import ORIGINS
 from lgprjax.runtime.config import PortsTable, PortTable, RuntimeConfig, SensorsTable

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgprjax.batch.recording import SweepDrive
 from lgprjax.formats import DriveLog, SweepRecording, complex_rows, read_vehicle, write_radar_calibration
 from lgprjax.radar import sweep_chain
+from lgprjax.recordings.drives import SweepDrive
 from lgprjax.registration import TRACK_SCANS
 from lgprjax.runtime.config import RuntimeConfig, read_config
 from lgprjax.runtime.registration.scans import (

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from canon.commands import run, succeed
 from lgprjax.formats import VehicleFile, write_vehicle
-from lgprjax.studies.fleet import CHANCE, Fleet, compare_fleet
+from lgprjax.tuning.studies.fleet import CHANCE, Fleet, compare_fleet
 from refusals import refused
 
 TRUE = {"rear_ratio": 0.6, "lag_s": 0.15, "delay_s": 0.06, "characteristic_speed_mps": 15.0}

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from batch.run_sample import MONO_NS, record
-from batch.run_sample import frame as frame_of
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
 from lgprjax.errors import InputError
 from lgprjax.formats import Study, VehicleLog, check_file, read_fixes, read_study, read_vehicle
 from lgprjax.formats.fixes import read_fix_poses
 from lgprjax.frames import LocalFrame
 from lgprjax.run_records import payload_type
-from lgprjax.studies.needs import NEEDS
-from lgprjax.studies.steering import FinishedStudy, run_study
 from lgprjax.tuning.logged_look_ahead import SETTLED_M
+from lgprjax.tuning.studies.needs import NEEDS
+from lgprjax.tuning.studies.steering import FinishedStudy, run_study
+from recordings.run_sample import MONO_NS, record
+from recordings.run_sample import frame as frame_of
 from refusals import refused
 from studies.commands import run
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.studies.drives import LoopDrive, loop_logs
 from lgprjax.tuning.loop import LoopLogs
+from lgprjax.tuning.studies.drives import LoopDrive, loop_logs
 from lgprjax.vehicle import ideal_servo
 
 TIME_S = 0.02 * np.arange(1000)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lgprjax.formats import Study, check_file, read_study
-from lgprjax.studies.steering import run_study
+from lgprjax.tuning.studies.steering import run_study
 from refusals import printed_refusal, refused
 from studies.commands import run
 

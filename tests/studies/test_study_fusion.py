@@ -21,8 +21,8 @@ from lgprjax.formats import (
     write_vehicle_log,
 )
 from lgprjax.frames import LocalFrame
-from lgprjax.studies.navigation import tick_drive
-from lgprjax.studies.steering import FinishedStudy, run_study
+from lgprjax.tuning.studies.navigation import tick_drive
+from lgprjax.tuning.studies.steering import FinishedStudy, run_study
 from model_drives import TICK_S, draw_drive, usual_model
 from refusals import refusal_in
 

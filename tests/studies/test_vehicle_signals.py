@@ -6,13 +6,13 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.batch import chassis_of, servo_of
 from lgprjax.formats import NavigationTrack, OdometryTrack, RearMap, VehicleFile, VehicleLog
 from lgprjax.formats.vehicle import ChassisTable, PursuitTable, SteeringTable
 from lgprjax.frames import LocalFrame
+from lgprjax.recordings import chassis_of, servo_of
 from lgprjax.scene.vehicle_drive import VehicleFixes
 from lgprjax.simulation.vehicle_logs import write_vehicle_fixes
-from lgprjax.studies import signals_of
+from lgprjax.tuning.studies import signals_of
 from lgprjax.vehicle import MeasuredRear, ProportionalRear, rear_angle, torque_share
 from refusals import refused
 

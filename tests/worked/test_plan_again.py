@@ -6,9 +6,9 @@ import pytest
 import shapely
 
 from drawn_field import Drive, cover_rows, write_cover_run, write_field
-from lgprjax.batch.vehicles import outline_of_vehicle
 from lgprjax.coverage.ground import breaches
 from lgprjax.formats import read_cover_plan, read_vehicle
+from lgprjax.recordings.vehicles import outline_of_vehicle
 from lgprjax.worked.plans import FieldPlan, PlanOptions, open_cover_plan, plan_field, save_cover_plan
 from lgprjax.worked.record import read_cover_run, record_cover
 from refusals import refused

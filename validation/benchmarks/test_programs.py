@@ -24,8 +24,8 @@ from benchmarks.tuning_problem import MOST_LOGS, VEHICLE, TuningProblem, load_tu
 from benchmarks.whole_drive import main
 from canon.map import write_made_map
 from canon.site import Site
-from lgprjax.batch.vehicles import chassis_of
 from lgprjax.formats import MAP_PRECISIONS, MapFile, read_vehicle
+from lgprjax.recordings.vehicles import chassis_of
 from lgprjax.scene import FixErrors, init_fix_errors, step_fix_errors
 from lgprjax.subsurface import GroundMap
 from lgprjax.tuning.logged_look_ahead import WeakSchedule, drawn_vehicles, judge_drawn

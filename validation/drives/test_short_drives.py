@@ -9,9 +9,9 @@ from batch.other_days import drive_over, repeating_site, village
 from batch.test_drive_alignment import altered, register
 from canon.site import Site, register_site
 from lgprjax.batch import RegisteredDrive
-from lgprjax.batch.recording import AS_STATED
 from lgprjax.batch.register import true_errors
 from lgprjax.formats import MapFile
+from lgprjax.recordings.drives import AS_STATED
 from lgprjax.registration import Code
 from lgprjax.scene import WEATHER
 

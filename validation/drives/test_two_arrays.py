@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from batch.standing_array import StandingArray
 from canon.commands import succeed
 from canon.map import of_many_grounds
 from canon.site import Site
@@ -15,6 +14,7 @@ from lgprjax.batch.register import true_poses
 from lgprjax.formats import DriveLog, MapFile, SweepRecording
 from lgprjax.mapping import build_map
 from lgprjax.registration import Code, RegisterOptions
+from recordings.standing_array import StandingArray
 
 
 def correlations(baseline: Path, live: Path, truth: Path, database: Path) -> tuple[float, float]:

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from batch.run_sample import MONO_NS, run_of_drive
 from canon.site import Site
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
-from lgprjax.batch import agreement, on_board_of, options_as_provenance, register_log, write_run_drive
+from lgprjax.batch import agreement, on_board_of, options_as_provenance, register_log
 from lgprjax.batch.register import RegisteredDrive
 from lgprjax.formats import DriveLog, MapFile, check_file, read_run, read_vehicle
+from lgprjax.recordings import write_run_drive
 from lgprjax.registration import Code
 from lgprjax.run_records import FIX, Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.config import RuntimeConfig, read_config
@@ -19,6 +19,7 @@ from lgprjax.runtime.registration.scans import SCAN_MESSAGES, RadarSelf
 from lgprjax.runtime.registration.search import Search, options_of
 from lgprjax.runtime.stamps import StampClock
 from lgprjax.wire import decode
+from recordings.run_sample import MONO_NS, run_of_drive
 
 RESTART = 0.66
 """Share of the scans until the registration process is started anew."""

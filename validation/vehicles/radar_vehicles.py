@@ -17,7 +17,7 @@ import lgprjax as lx
 from canon.map import built_with_many_grounds
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleLog
-from lgprjax.studies.loop import LoopStudy
+from lgprjax.tuning.studies.loop import LoopStudy
 from lgprjax.vehicle import look_ahead_m
 from studies.commands import run
 

@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import beta
 
-from lgprjax.batch.recording import track_of_drive
 from lgprjax.batch.register import HeldGround, register_log
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, MapFile
 from lgprjax.mapping import build_map
+from lgprjax.recordings.drives import track_of_drive
 from lgprjax.registration import RegisterOptions, Track
 from validation.worlds.course import centreline_of
 from validation.worlds.drives import Drive, ground_of, write_live, write_passes

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from lgprjax import __version__
-from lgprjax.batch.vehicles import tool_of
 from lgprjax.coverage.resume import RoutePlace
 from lgprjax.files import file_hash
 from lgprjax.formats import read_vehicle
 from lgprjax.machine import count_compiles
+from lgprjax.recordings.vehicles import tool_of
 from lgprjax.run_records import Record, RecordKind, Source, pack, unpack
 from lgprjax.runtime.choices import Choices
 from lgprjax.runtime.config import RuntimeConfig

@@ -6,13 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from lgprjax.autopilot import OnboardSetup, onboard_setup
-from lgprjax.batch import chassis_of, filter_model_of, pedals_of, require_drivable, servo_of
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import MapFile, VehicleFile, read_route, read_vehicle
 from lgprjax.frames import LocalFrame
 from lgprjax.mapping import lay_route, read_source, require_map
 from lgprjax.navigation import RoutePath
+from lgprjax.recordings import chassis_of, filter_model_of, pedals_of, require_drivable, servo_of
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.vehicle import LookAhead
 

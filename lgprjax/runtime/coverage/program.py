@@ -16,12 +16,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from lgprjax.batch.vehicles import tool_of
 from lgprjax.coverage import CellGrid, CellState, Pattern, ToolMoment, cell_states, grid_of_field, inside_cells
 from lgprjax.coverage.field import Field, offered_levels
 from lgprjax.coverage.resume import place_of_tool
 from lgprjax.coverage.shape import claimed_shape
 from lgprjax.formats import read_cover_plan, read_vehicle
+from lgprjax.recordings.vehicles import tool_of
 from lgprjax.run_records import COVER, Record, RecordKind, Source, StopBits, ToolBits, pack, unpack
 from lgprjax.runtime.choices import Choices
 from lgprjax.runtime.control.skid.setup import PROGRESS_FILE, load_skid

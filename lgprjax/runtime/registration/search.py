@@ -13,11 +13,11 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lgprjax.batch import array_of_vehicle, of_channels
 from lgprjax.batch.register import HeldGround
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, SweepRecording, VehicleFile, read_radar_calibration, read_thresholds
 from lgprjax.radar import ArrayGeometry
+from lgprjax.recordings import array_of_vehicle, of_channels
 from lgprjax.registration import (
     FINISH_SWARM,
     SEARCH_SWARM,

@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 
 from lgprjax.autopilot.fence import fence_of_ground, pad_fence
 from lgprjax.autopilot.skid_step import SkidSetup, skid_setup
-from lgprjax.batch.vehicles import carrot_of, machine_of, skid_setup_of
 from lgprjax.coverage.ground import SafeGround, check_drivable, ground_of_plan
 from lgprjax.coverage.guidance import LEAST_ROWS, CoverRoute, lay_pattern
 from lgprjax.coverage.pattern import Pattern
@@ -23,6 +22,7 @@ from lgprjax.formats import VehicleFile, read_vehicle
 from lgprjax.formats.coverage_files import read_cover_plan
 from lgprjax.formats.taken_up import TakenUp, read_taken_up
 from lgprjax.frames import LocalFrame
+from lgprjax.recordings.vehicles import carrot_of, machine_of, skid_setup_of
 from lgprjax.runtime.config import RuntimeConfig
 from lgprjax.runtime.control.skid.compiled import SkidResult
 from lgprjax.runtime.control.skid.watches import ToolBelief

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from lgprjax.batch.recording import poses_of
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, NavigationTrack, Trajectory, drive_hash_of, refuse_other_drive
 from lgprjax.frames import LocalFrame, along_cross
+from lgprjax.recordings.drives import poses_of
 from lgprjax.registration import WRONG_M
 
 _SAME_TIME_S = 1e-3

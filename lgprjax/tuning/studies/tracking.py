@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from lgprjax.batch.vehicles import chassis_of
 from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleLog
-from lgprjax.studies.drives import LoopDrive, SmoothedDrive, is_run, local_track, loop_drive, origin_of, smoothed
-from lgprjax.studies.logs import Figure, Outcome, Task, fitting, options_of, rms
+from lgprjax.recordings.vehicles import chassis_of
+from lgprjax.tuning.studies.drives import LoopDrive, SmoothedDrive, is_run, local_track, loop_drive, origin_of, smoothed
+from lgprjax.tuning.studies.logs import Figure, Outcome, Task, fitting, options_of, rms
 from lgprjax.tuning.tracking import (
     STEPS_M,
     Engagement,

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from lgprjax.batch import array_of_vehicle, filter_model_of
 from lgprjax.formats import VehicleFile, read_vehicle, with_values, write_vehicle
 from lgprjax.formats.vehicle import NavigationTable
 from lgprjax.navigation import FilterModel, default_model
+from lgprjax.recordings import array_of_vehicle, filter_model_of
 from refusals import refused
 
 _VEHICLE = VehicleFile.model_validate(

@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from lgprjax.batch.recover import layout_of
-from lgprjax.batch.run_signals import scan_frames, signals_of_run
-from lgprjax.batch.verdicts import HealthFigure, figure
 from lgprjax.errors import InputError
 from lgprjax.formats import DriveLog, SweepLayout, SweepRecording, complex_rows, read_run
 from lgprjax.formats.mcap_import import array_message, gather, radar_topic, scans_of
 from lgprjax.formats.mcap_recording import SWEEPS, layout_of_form
 from lgprjax.formats.rosbag_recording import open_recording
 from lgprjax.radar import estimate_channel_response, find_dead_channels
+from lgprjax.recordings.recover import layout_of
+from lgprjax.recordings.run_signals import scan_frames, signals_of_run
+from lgprjax.recordings.verdicts import HealthFigure, figure
 from lgprjax.wire import decode
 
 _LEAST_SCANS = 64

@@ -7,10 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from batch.standing_array import StandingArray
-from lgprjax.batch.radar_calibration import Calibrated, average_sweeps, lookup_of, refuse_bad, response_of, sweeps_of
-from lgprjax.batch.run_signals import signals_of_run
 from lgprjax.formats import SweepRecording, check_file, read_radar_calibration, read_run, write_radar_calibration
+from lgprjax.recordings.radar_calibration import (
+    Calibrated,
+    average_sweeps,
+    lookup_of,
+    refuse_bad,
+    response_of,
+    sweeps_of,
+)
+from lgprjax.recordings.run_signals import signals_of_run
+from recordings.standing_array import StandingArray
 from refusals import refused
 from runtime.swept_log import write_swept_log
 

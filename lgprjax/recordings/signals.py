@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Inexact, Int
 
-from lgprjax.batch.verdicts import BlockStretches, Findings, HealthFigure, figure, median_of
 from lgprjax.radar.time_domain import WAVE_SPEED_M_PER_NS
+from lgprjax.recordings.verdicts import BlockStretches, Findings, HealthFigure, figure, median_of
 
 LATE = 0.1  # share of the record, at its end, taken as noise
 _EARLY = 0.25  # the direct wave is the strongest steady signal in this first share of the record

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lgprjax.batch import compare_fixes
 from lgprjax.formats import Trajectory, write_trajectory
 from lgprjax.frames import LocalFrame
+from lgprjax.recordings import compare_fixes
 from refusals import refused
 
 _FRAME = LocalFrame(42.0, -71.0, 30.0)

@@ -7,17 +7,17 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from lgprjax.batch.vehicles import chassis_of, servo_of
 from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import with_values
-from lgprjax.studies.drives import LoopDrive, loop_drive, loop_logs, smoothed
-from lgprjax.studies.logs import Figure, Outcome, Task, fitting, options_of, rms
-from lgprjax.studies.needs import Contradiction, judged_residual
-from lgprjax.studies.tracking import plan_path, tracked
+from lgprjax.recordings.vehicles import chassis_of, servo_of
 from lgprjax.tuning import Estimate
 from lgprjax.tuning.loop import NAMES, RATE, RATIO, REACHED_SHARE, WIDTH, LoopLogs, LoopPrior, residual_scale
 from lgprjax.tuning.loop_fit import LoopFit, fit_loop, torque_verdict
+from lgprjax.tuning.studies.drives import LoopDrive, loop_drive, loop_logs, smoothed
+from lgprjax.tuning.studies.logs import Figure, Outcome, Task, fitting, options_of, rms
+from lgprjax.tuning.studies.needs import Contradiction, judged_residual
+from lgprjax.tuning.studies.tracking import plan_path, tracked
 from lgprjax.vehicle import (
     Chassis,
     LookAhead,

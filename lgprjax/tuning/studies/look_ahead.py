@@ -8,12 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from lgprjax.batch.vehicles import chassis_of, servo_of
 from lgprjax.config import BrokenRuleError, ConfigTable
 from lgprjax.errors import InputError
-from lgprjax.studies.drives import loop_drive
-from lgprjax.studies.logs import Figure, Outcome, Task, options_of
-from lgprjax.studies.loop import fit_of
+from lgprjax.recordings.vehicles import chassis_of, servo_of
 from lgprjax.tuning.logged_look_ahead import (
     SETTLED_M,
     DrawnTuning,
@@ -34,6 +31,9 @@ from lgprjax.tuning.look_ahead import (
 )
 from lgprjax.tuning.loop import draw_loops
 from lgprjax.tuning.loop_fit import LoopFit
+from lgprjax.tuning.studies.drives import loop_drive
+from lgprjax.tuning.studies.logs import Figure, Outcome, Task, options_of
+from lgprjax.tuning.studies.loop import fit_of
 from lgprjax.vehicle import arc_course, clothoid_course, line_course, look_ahead_m
 
 _Speed = Annotated[float, Field(ge=0.2, le=20.0)]

@@ -9,12 +9,12 @@ import pytest
 
 from drawn_travel import Drawn, draw
 from formats.samples import make_description
-from lgprjax.batch import drive_health
-from lgprjax.batch.recording import track_of_drive, travel_line
 from lgprjax.formats import DriveLog, DriveWriter, NavigationTrack, OdometryTrack
 from lgprjax.formats.survey_track import distances_m, path_headings_deg
 from lgprjax.formats.travel import MendedTravel, legs_of, mend_travel, scale_by_fixes, silences
 from lgprjax.frames import LocalFrame
+from lgprjax.recordings import drive_health
+from lgprjax.recordings.drives import track_of_drive, travel_line
 
 FIRST, DRIVES, JUMPING = 30000, 40, 120  # drawn after the limits had been set
 

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from lgprjax.batch.vehicles import chassis_of
 from lgprjax.config import Table, TableKey, fill_table
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, Study, VehicleFile, VehicleLog, read_fixes, with_values
 from lgprjax.formats.fixes import read_fix_poses
 from lgprjax.frames import LocalFrame, body_to_local
-from lgprjax.studies.needs import SIGNAL_NAMES, Contradiction
+from lgprjax.recordings.vehicles import chassis_of
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
+from lgprjax.tuning.studies.needs import SIGNAL_NAMES, Contradiction
 from lgprjax.vehicle import Chassis
 
 # Signals of a drive log on the vehicle's clock, in local metres, for calibrations.

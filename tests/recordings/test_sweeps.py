@@ -7,17 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from batch.sweep_drives import FREQUENCIES_HZ, write_sweeps
 from canon.map import of_many_grounds
 from canon.site import Site, registered_once
-from lgprjax.batch import RegisteredDrive, fix_example, recording_of, register_log
-from lgprjax.batch.recording import at_levels, depth_level, level_ratio
+from lgprjax.batch import RegisteredDrive, fix_example, register_log
 from lgprjax.formats import DriveLog, DriveWriter, MapFile
 from lgprjax.mapping import build_map
 from lgprjax.radar import default_chain, sweep_chain
+from lgprjax.recordings import recording_of
+from lgprjax.recordings.drives import at_levels, depth_level, level_ratio
 from lgprjax.registration import Code, RegisterOptions, Track
 from lgprjax.scene import RadarConfig
 from lgprjax.scene.render import ReceiverConfig, time_gain
+from recordings.sweep_drives import FREQUENCIES_HZ, write_sweeps
 from refusals import refused
 
 OPTIONS = RegisterOptions(search_m=1.5)

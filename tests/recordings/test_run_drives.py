@@ -7,13 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from batch.run_sample import LEAST_DELAY_S, MONO_NS, frame, record, run_of_drive
-from batch.sweep_drives import write_sweeps
 from canon.map import of_many_grounds
 from canon.site import Site
 from formats.run_log_sample import head_bytes, record_bytes
-from lgprjax.batch import register_log, write_run_drive
-from lgprjax.batch.run_signals import device_times, rising, signals_of_run
+from lgprjax.batch import register_log
 from lgprjax.formats import (
     DriveLog,
     MapFile,
@@ -26,7 +23,11 @@ from lgprjax.formats import (
     read_vehicle,
 )
 from lgprjax.mapping import build_map
+from lgprjax.recordings import write_run_drive
+from lgprjax.recordings.run_signals import device_times, rising, signals_of_run
 from lgprjax.registration import RegisterOptions
+from recordings.run_sample import LEAST_DELAY_S, MONO_NS, frame, record, run_of_drive
+from recordings.sweep_drives import write_sweeps
 from refusals import refused
 
 _DRIVE = "live"

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from batch.run_sample import MONO_NS, frame, record
 from formats.run_log_sample import head_bytes, own_bytes, record_bytes
+from recordings.run_sample import MONO_NS, frame, record
 
 LIGHT_M_PER_NS = 0.299792458
 _COUNTS = 32767

@@ -1,6 +1,6 @@
 """Studies of sensors, steering, servo and pedals: from a study file and logs to a new vehicle file.
 
-Not imported by ``lgprjax.studies``, so that registration does not have to import the tuners.
+Not imported by ``lgprjax.tuning.studies``, so that registration does not have to import the tuners.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,42 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from lgprjax.batch.vehicles import servo_of
 from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import Found, Study, VehicleFile, VehicleLog, read_vehicle, require_serial_number, with_values
-from lgprjax.studies.drives import is_run
-from lgprjax.studies.logs import (
-    Figure,
-    LoggedDrive,
-    Outcome,
-    Task,
-    chassis_without_anchor,
-    fitting,
-    fixed_records,
-    fixes_beside,
-    front_angles,
-    one_drive,
-    options_of,
-    potentiometer_of,
-    refuse_options,
-    rms,
-    signal_of,
-    signals_of,
-)
-from lgprjax.studies.look_ahead import study_look_ahead
-from lgprjax.studies.loop import study_loop
-from lgprjax.studies.navigation import study_fusion
-from lgprjax.studies.needs import (
-    NEEDS,
-    Contradiction,
-    compared,
-    judged_residual,
-    require_excitation,
-    require_precision,
-)
-from lgprjax.studies.threshold import study_threshold
-from lgprjax.studies.tracking import study_tracking
+from lgprjax.recordings.vehicles import servo_of
 from lgprjax.tuning import DriveSignals, Estimate, NotExcitedError
 from lgprjax.tuning.arcs import Arcs, find_stretches, fit_arcs
 from lgprjax.tuning.pedals import WHAT, PedalFit, PedalRuns, PedalsFit, cut_runs, fit_pedals, levelled, predict_way
@@ -68,6 +36,38 @@ from lgprjax.tuning.steering import (
     rear_ratio_by_heading,
     wheel_angle_blocks,
 )
+from lgprjax.tuning.studies.drives import is_run
+from lgprjax.tuning.studies.logs import (
+    Figure,
+    LoggedDrive,
+    Outcome,
+    Task,
+    chassis_without_anchor,
+    fitting,
+    fixed_records,
+    fixes_beside,
+    front_angles,
+    one_drive,
+    options_of,
+    potentiometer_of,
+    refuse_options,
+    rms,
+    signal_of,
+    signals_of,
+)
+from lgprjax.tuning.studies.look_ahead import study_look_ahead
+from lgprjax.tuning.studies.loop import study_loop
+from lgprjax.tuning.studies.navigation import study_fusion
+from lgprjax.tuning.studies.needs import (
+    NEEDS,
+    Contradiction,
+    compared,
+    judged_residual,
+    require_excitation,
+    require_precision,
+)
+from lgprjax.tuning.studies.threshold import study_threshold
+from lgprjax.tuning.studies.tracking import study_tracking
 from lgprjax.vehicle import Chassis, Servo
 
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from lgprjax.batch.signals import (
+from lgprjax.formats import DriveLog, SweepRecording
+from lgprjax.recordings.signals import (
     RecordingTraits,
     SignalBlocks,
     SignalReducer,
@@ -17,8 +18,7 @@ from lgprjax.batch.signals import (
     noise,
     regular_scans,
 )
-from lgprjax.batch.verdicts import BlockStretches, Findings, HealthFigure, figure, median_of
-from lgprjax.formats import DriveLog, SweepRecording
+from lgprjax.recordings.verdicts import BlockStretches, Findings, HealthFigure, figure, median_of
 
 _DEAD = 0.1  # of the array's level: 20 dB below
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from drawn_field import VEHICLE
-from lgprjax.batch import carrot_of, pattern_settings_of, skid_setup_of, tool_of
 from lgprjax.coverage import Tool, default_carrot
 from lgprjax.formats import VehicleFile, read_vehicle, with_values, write_vehicle
+from lgprjax.recordings import carrot_of, pattern_settings_of, skid_setup_of, tool_of
 from refusals import refused
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from canon.site import Site
-from lgprjax.batch import DriveHealth, HealthFigure, drive_health
 from lgprjax.formats import (
     DriveDescription,
     DriveLog,
@@ -19,6 +18,7 @@ from lgprjax.formats import (
     import_lines,
 )
 from lgprjax.radar.array import uniform_array
+from lgprjax.recordings import DriveHealth, HealthFigure, drive_health
 
 
 class Recording(NamedTuple):

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from lgprjax.batch.vehicles import filter_model_of
 from lgprjax.config import ConfigTable
 from lgprjax.errors import InputError
 from lgprjax.formats import NavigationTrack, VehicleLog
@@ -33,7 +32,9 @@ from lgprjax.navigation import (
     step_switch,
     switch_settings,
 )
-from lgprjax.studies.logs import (
+from lgprjax.recordings.vehicles import filter_model_of
+from lgprjax.tuning.navigation import FusionFit, NavigationDrives, filter_drives, fit_fusion, mean_nis
+from lgprjax.tuning.studies.logs import (
     Figure,
     LoggedDrive,
     Outcome,
@@ -44,8 +45,7 @@ from lgprjax.studies.logs import (
     require_fixes,
     rms,
 )
-from lgprjax.studies.needs import Contradiction
-from lgprjax.tuning.navigation import FusionFit, NavigationDrives, filter_drives, fit_fusion, mean_nis
+from lgprjax.tuning.studies.needs import Contradiction
 from lgprjax.vehicle import VehiclePose
 
 # Drive logs and their fixes on the ticks of the navigation filter.

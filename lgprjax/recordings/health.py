@@ -8,9 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lgprjax.batch.radar_health import radar_figures, sweep_blocks, sweep_figures
-from lgprjax.batch.signals import RecordingTraits, SignalBlocks, SignalReducer, block_edges, regular_scans
-from lgprjax.batch.verdicts import Findings, HealthFigure, Stretch, Verdict, figure, not_recorded, runs, worst
 from lgprjax.formats import (
     DriveLog,
     NavigationTrack,
@@ -23,6 +20,9 @@ from lgprjax.formats import (
 from lgprjax.formats.store import open_store, reading
 from lgprjax.formats.travel import mend_travel
 from lgprjax.frames import LocalFrame
+from lgprjax.recordings.radar_health import radar_figures, sweep_blocks, sweep_figures
+from lgprjax.recordings.signals import RecordingTraits, SignalBlocks, SignalReducer, block_edges, regular_scans
+from lgprjax.recordings.verdicts import Findings, HealthFigure, Stretch, Verdict, figure, not_recorded, runs, worst
 
 # Figures of a drive's clock, odometry and GNSS/INS.
 

@@ -9,8 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lgprjax import __version__
-from lgprjax.batch.run_signals import RunSignals, scan_frames, signals_of_run
-from lgprjax.batch.vehicles import array_of_vehicle
 from lgprjax.errors import InputError
 from lgprjax.formats import (
     ArrayTable,
@@ -37,6 +35,8 @@ from lgprjax.formats.run_log import (
 )
 from lgprjax.frames import LocalFrame
 from lgprjax.radar import ArrayGeometry, uniform_array
+from lgprjax.recordings.run_signals import RunSignals, scan_frames, signals_of_run
+from lgprjax.recordings.vehicles import array_of_vehicle
 from lgprjax.subsurface import SpatialIndex
 from lgprjax.wire import decode
 

@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lgprjax.autopilot.modes import Mode
-from lgprjax.batch.run_signals import RowGatherer, rising
 from lgprjax.errors import InputError
 from lgprjax.formats.run_log import read_run, read_run_record
+from lgprjax.recordings.run_signals import RowGatherer, rising
 from lgprjax.run_records import SKID_PLAN, RecordKind
-from lgprjax.studies.logs import Figure, Outcome, Task, fitting, refuse_options
-from lgprjax.studies.needs import Contradiction, compared
 from lgprjax.tuning import LimitCycle, NotExcitedError, ThresholdFit, find_limit_cycle, fit_threshold
+from lgprjax.tuning.studies.logs import Figure, Outcome, Task, fitting, refuse_options
+from lgprjax.tuning.studies.needs import Contradiction, compared
 
 _KEY = "skid_steer.threshold_mps"
 # Every fifth tick: a hundred milliseconds are short against the lag of any vehicle that swings.

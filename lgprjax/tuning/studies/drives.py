@@ -9,8 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lgprjax.autopilot.modes import ENGAGED
-from lgprjax.batch.run_signals import RowGatherer, signals_of_run
-from lgprjax.batch.vehicles import filter_model_of
 from lgprjax.errors import InputError
 from lgprjax.formats import VehicleFile, VehicleLog, require_serial_number
 from lgprjax.formats.run_log import RunReading, read_run, read_run_record
@@ -25,12 +23,14 @@ from lgprjax.navigation import (
     default_rules,
     smooth_estimates,
 )
+from lgprjax.recordings.run_signals import RowGatherer, signals_of_run
+from lgprjax.recordings.vehicles import filter_model_of
 from lgprjax.registration import Code
 from lgprjax.run_records import FIX, RecordKind
-from lgprjax.studies.logs import Task, fixes_beside, require_fixes
-from lgprjax.studies.navigation import TickedDrive, stack_drives, tick_drive
 from lgprjax.tuning.loop import LANES, PADDING, STEP_S, LoopLogs
 from lgprjax.tuning.navigation import NavigationDrives, filter_drives
+from lgprjax.tuning.studies.logs import Task, fixes_beside, require_fixes
+from lgprjax.tuning.studies.navigation import TickedDrive, stack_drives, tick_drive
 from lgprjax.vehicle import Servo, VehiclePose, torque_share
 
 TICK_S = 0.1

@@ -12,7 +12,7 @@ import numpy as np
 from lgprjax.errors import InputError
 from lgprjax.formats import Study, VehicleFile, VehicleLog, flat_keys, with_values, write_vehicle
 from lgprjax.formats.settings_files import Kind
-from lgprjax.studies.steering import FinishedStudy, run_study
+from lgprjax.tuning.studies.steering import FinishedStudy, run_study
 
 
 class StepStudy(NamedTuple):
