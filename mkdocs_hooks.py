@@ -17,6 +17,8 @@ from mkdocs.structure.pages import Page
 from nbconvert import MarkdownExporter
 
 from benchmarks.page import record_pages
+from lgprjax.autopilot.monitors import FINDINGS
+from lgprjax.runtime.control.skid.watches import SKID_FINDINGS
 from validation.worlds.table import markdown_of, read_figures
 
 _ROOT = Path(__file__).parent
@@ -67,6 +69,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     generated = [{"Commands": _COMMANDS}, {"Public Python names": _PUBLIC}, {"Python modules": python}]
     sections = {name: inside for entry in config.nav or [] for name, inside in entry.items()}
     sections["Reference"] += [*generated, {"Files": formats}, {"Messages": "messages.md"}]
+    sections["Reference"].append({"Findings and reactions": "findings.md"})
     sections["Evidence"].append({"Records": [f"records/{name}" for name in _record_pages()]})
     return config
 
@@ -82,6 +85,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for schema in _schemas():
         files.append(File.generated(config, f"files/{schema.stem}.md", content=_format_page(schema)))
     files.append(File.generated(config, "messages.md", content=messages_page()))
+    files.append(File.generated(config, "findings.md", content=findings_page()))
     for name, page in reference_pages():
         files.append(File.generated(config, name, content=page))
     for name, page in _record_pages().items():
@@ -195,6 +199,23 @@ def messages_page() -> str:
                 cells = (f"{path.relative_to(_ROOT)}:{call.lineno}", *map(_worded, call.args[-3:]))
                 shown = (_LITERAL.sub(lambda sign: f"&#{ord(sign[0])};", " ".join(each.split())) for each in cells)
                 lines.append("| " + " | ".join(shown) + " |")
+    return "\n".join([*lines, ""])
+
+
+def findings_page() -> str:
+    """Findings of the monitors and the reaction to each, from the tables that the vehicle uses."""
+    told = "What the monitors of the vehicle find, as `lgprjax events` and the page show it, and the reaction to it."
+    lines = [
+        "# Findings and reactions",
+        "",
+        told,
+        "",
+        "| finding | reaction | refuses engaging |",
+        "| --- | --- | --- |",
+    ]
+    for finding in (*FINDINGS.values(), *SKID_FINDINGS.values()):
+        refuses = "yes" if finding.refuses else "no"
+        lines.append(f"| {finding.text} | {finding.severity.name.capitalize()} | {refuses} |")
     return "\n".join([*lines, ""])
 
 

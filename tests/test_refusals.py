@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from lgprjax.autopilot.monitors import Watch
+from lgprjax.runtime.control.skid.watches import SkidFound
+
 _ROOT = Path(__file__).parents[1]
 # Three words of prose in a row; names of files, keys, options and datasets have dots, strokes and digits.
 _PROSE = re.compile(r"(?<![\w./@-])[A-Za-z][a-z']*(?:[,;]? [A-Za-z][a-z']*){2,}(?![\w./@-])")
@@ -63,3 +66,11 @@ def test_every_message_stands_in_the_table_of_the_site() -> None:
     assert all(re.fullmatch(r"\|( [^|\n]+ \|){4}", row) for row in rows)
     places = [row.split("|")[1].strip() for row in rows]
     assert len(set(places)) == len(places)
+
+
+def test_every_finding_of_the_monitors_stands_in_the_table_of_the_site() -> None:
+    pytest.importorskip("mkdocs", reason="lgprjax[docs] is not installed: the table of findings was NOT made")
+    rows = importlib.import_module("mkdocs_hooks").findings_page().split("| --- |\n")[1].splitlines()
+    assert len(rows) == len(Watch) + len(SkidFound)
+    assert "| throttle stuck open and speed rises: drive power cut | Emergency | yes |" in rows
+    assert "| off the working line: stopping | Stop | no |" in rows

@@ -1,6 +1,7 @@
 """The rooms of the package: arrows between them go one way, and numeric rooms know no files, ports or pictures."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -132,3 +133,33 @@ def test_a_record_of_many_fields_is_built_by_their_names() -> None:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in many:
                 unpacked = any(isinstance(value, ast.Starred) for value in node.args)
                 assert unpacked or not node.args, f"{path}:{node.lineno}"
+
+
+def test_the_walks_through_the_code_name_what_is_there() -> None:
+    """Each row names files of the package, and after each file functions or classes of it."""
+    text = (_PACKAGE.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    walks = text[text.index("| question | answer |") : text.index("## Packages and dependencies")]
+    named: dict[str, list[str]] = {}
+    path = ""
+    for word in re.findall(r"`([\w/.]+)`", walks):
+        if word.startswith("lgprjax/"):
+            path = word
+        elif path and word.isidentifier() and word not in ("p_false", "_judge"):
+            named.setdefault(path, []).append(word)
+    assert len(named) >= 20
+    for path, names in named.items():
+        tree = ast.parse((_PACKAGE.parent / path).read_text(encoding="utf-8"))
+        there = {node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+        there |= {
+            node.target.id
+            for node in tree.body
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+        }
+        there |= {
+            name.id
+            for node in tree.body
+            if isinstance(node, ast.Assign)
+            for name in node.targets
+            if isinstance(name, ast.Name)
+        }
+        assert set(names) <= there, path

@@ -52,8 +52,8 @@ from lgprjax.autopilot.modes import (
     step_modes,
 )
 from lgprjax.autopilot.monitors import (
+    FINDINGS,
     REFUSING,
-    SEVERITY,
     ChassisBelief,
     Knots,
     LineWatchState,
@@ -123,8 +123,8 @@ from lgprjax.autopilot.step import (
 
 __all__ = [
     "FENCE_SLOTS",
+    "FINDINGS",
     "REFUSING",
-    "SEVERITY",
     "Action",
     "AutopilotConfig",
     "AutopilotInfo",

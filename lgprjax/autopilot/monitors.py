@@ -1,10 +1,15 @@
 """Common parts of all monitors: a bit for each finding, its severity and message, and persistence times."""
 
+import functools
 import math
+import operator
+from collections.abc import Mapping
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from lgprjax.autopilot.modes import MOTIONS, Event, MeasuredSpeed
+
+BitsT = TypeVar("BitsT", bound=IntFlag)
 
 
 class Severity(IntEnum):
@@ -20,6 +25,20 @@ class Severity(IntEnum):
     """Actuators to their defaults, warn, the operator drives."""
     EMERGENCY = 4
     """The box cuts the actuators' power and brakes."""
+
+
+class Finding(NamedTuple):
+    """A row of a table of findings.
+
+    Attributes:
+        severity: reaction while the computer drives.
+        text: for the operator.
+        refuses: inhibits engaging.
+    """
+
+    severity: Severity
+    text: str
+    refuses: bool
 
 
 class Watch(IntFlag):
@@ -59,85 +78,65 @@ class Watch(IntFlag):
     ABOVE_LIMIT = 1 << 31
 
 
-SEVERITY = {
-    Watch.POTENTIOMETER_RANGE: Severity.MANUAL,
-    Watch.POTENTIOMETER_STUCK: Severity.MANUAL,
-    Watch.WHEEL_SENSORS_APART: Severity.MANUAL,
-    Watch.SERVO_WEAK: Severity.DEGRADE,
-    Watch.SERVO_DEAD: Severity.MANUAL,
-    Watch.SUPPLY_LOW: Severity.DEGRADE,
-    Watch.STEERING_RUNAWAY: Severity.MANUAL,
-    Watch.REAR_STUCK: Severity.STOP,
-    Watch.YAW_RATE_LOST: Severity.DEGRADE,
-    Watch.ODOMETER_DEAD: Severity.DEGRADE,
-    Watch.ODOMETER_REVERSED: Severity.DEGRADE,
-    Watch.ODOMETER_SLIPS: Severity.DEGRADE,
-    Watch.SPEED_UNKNOWN: Severity.STOP,
+FINDINGS = {
+    Watch.POTENTIOMETER_RANGE: Finding(
+        Severity.MANUAL, "wheel potentiometer: open, shorted or out of range", refuses=True
+    ),
+    Watch.POTENTIOMETER_STUCK: Finding(
+        Severity.MANUAL, "wheel potentiometer: stuck while the encoder turns", refuses=True
+    ),
+    Watch.WHEEL_SENSORS_APART: Finding(
+        Severity.MANUAL, "wheel potentiometer and encoder disagree: wheel refitted or a sensor slipped", refuses=True
+    ),
+    Watch.SERVO_WEAK: Finding(
+        Severity.DEGRADE, "steering servo is slow: wheel angles lag behind the command", refuses=False
+    ),
+    Watch.SERVO_DEAD: Finding(Severity.MANUAL, "steering servo does not follow its command", refuses=True),
+    Watch.SUPPLY_LOW: Finding(Severity.DEGRADE, "supply voltage of the steering servo is low", refuses=False),
+    Watch.STEERING_RUNAWAY: Finding(
+        Severity.MANUAL, "steering moves away from its command: servo power cut", refuses=True
+    ),
+    Watch.REAR_STUCK: Finding(
+        Severity.STOP, "yaw rate does not match the wheel angles: rear steering stuck?", refuses=True
+    ),
+    Watch.YAW_RATE_LOST: Finding(Severity.DEGRADE, "no yaw rate: the rear steering cannot be monitored", refuses=False),
+    Watch.ODOMETER_DEAD: Finding(Severity.DEGRADE, "odometer does not count while the vehicle moves", refuses=False),
+    Watch.ODOMETER_REVERSED: Finding(Severity.DEGRADE, "odometer counts in the wrong direction", refuses=False),
+    Watch.ODOMETER_SLIPS: Finding(Severity.DEGRADE, "odometer and GNSS disagree: wheels slip?", refuses=False),
+    Watch.SPEED_UNKNOWN: Finding(Severity.STOP, "speed unknown: odometer bad and no GNSS", refuses=True),
     # Throttle idle and brake is a controlled stop; the box's cut is for a speed that rises nevertheless.
-    Watch.THROTTLE_STUCK: Severity.STOP,
-    Watch.SPEED_RISES: Severity.EMERGENCY,
-    Watch.BRAKE_DEAD: Severity.EMERGENCY,
-    Watch.BRAKE_UNTESTED: Severity.CONTINUE,
-    Watch.PEDAL_UNREAD: Severity.STOP,
-    Watch.LINE_SILENT: Severity.MANUAL,
-    Watch.BAD_FRAMES: Severity.MANUAL,
-    Watch.DEFAULTS_ACT: Severity.MANUAL,
-    Watch.BUS_OFF: Severity.MANUAL,
-    Watch.SECOND_SENDER: Severity.MANUAL,
-    Watch.ACTUATOR_FAULT: Severity.MANUAL,
-    Watch.OFF_PATH: Severity.DEGRADE,
-    Watch.FAR_OFF_PATH: Severity.STOP,
-    Watch.OVERRIDE_CONTACTS: Severity.MANUAL,
-    Watch.CONTROLLER_SILENT: Severity.MANUAL,
-    Watch.TORQUE_UNREAD: Severity.MANUAL,
-    Watch.HEADING_UNCONFIRMED: Severity.CONTINUE,
-    Watch.HEADING_CONTRADICTED: Severity.MANUAL,
-    Watch.ABOVE_LIMIT: Severity.STOP,
+    Watch.THROTTLE_STUCK: Finding(Severity.STOP, "throttle stuck open: braking", refuses=True),
+    Watch.SPEED_RISES: Finding(
+        Severity.EMERGENCY, "throttle stuck open and speed rises: drive power cut", refuses=True
+    ),
+    Watch.BRAKE_DEAD: Finding(Severity.EMERGENCY, "brake has no effect: drive power cut", refuses=True),
+    Watch.BRAKE_UNTESTED: Finding(Severity.CONTINUE, "braking test has not passed", refuses=True),
+    Watch.PEDAL_UNREAD: Finding(Severity.STOP, "throttle or brake position is not a number", refuses=True),
+    Watch.LINE_SILENT: Finding(Severity.MANUAL, "drive-by-wire box is silent", refuses=True),
+    Watch.BAD_FRAMES: Finding(Severity.MANUAL, "drive-by-wire box: three bad frames in a row", refuses=True),
+    Watch.DEFAULTS_ACT: Finding(Severity.MANUAL, "drive-by-wire box uses its default settings", refuses=True),
+    Watch.BUS_OFF: Finding(Severity.MANUAL, "drive-by-wire box: bus off", refuses=True),
+    Watch.SECOND_SENDER: Finding(Severity.MANUAL, "another source commands the drive-by-wire box", refuses=True),
+    Watch.ACTUATOR_FAULT: Finding(
+        Severity.MANUAL, "drive-by-wire box reports a servo, throttle, brake or power fault", refuses=True
+    ),
+    Watch.OFF_PATH: Finding(Severity.DEGRADE, "more than 1 ft off the path", refuses=False),
+    Watch.FAR_OFF_PATH: Finding(Severity.STOP, "more than 3 ft off the path", refuses=False),
+    Watch.OVERRIDE_CONTACTS: Finding(Severity.MANUAL, "override button: wire cut or contact stuck", refuses=True),
+    Watch.CONTROLLER_SILENT: Finding(Severity.MANUAL, "operator controller is silent", refuses=True),
+    Watch.TORQUE_UNREAD: Finding(Severity.MANUAL, "steering torque of the operator is not a number", refuses=True),
+    Watch.HEADING_UNCONFIRMED: Finding(Severity.CONTINUE, "heading not confirmed yet: drive two metres", refuses=True),
+    Watch.HEADING_CONTRADICTED: Finding(
+        Severity.MANUAL, "heading contradicts the direction of travel: reversed?", refuses=True
+    ),
+    Watch.ABOVE_LIMIT: Finding(Severity.STOP, "driven faster than the speed limit for 5 s", refuses=True),
 }
-"""Reaction to each finding while the autopilot drives."""
+"""Of the vehicle and its operator. The documentation's table of findings is made from it."""
 
-TEXT = {
-    Watch.POTENTIOMETER_RANGE: "wheel potentiometer: open, shorted or out of range",
-    Watch.POTENTIOMETER_STUCK: "wheel potentiometer: stuck while the encoder turns",
-    Watch.WHEEL_SENSORS_APART: "wheel potentiometer and encoder disagree: wheel refitted or a sensor slipped",
-    Watch.SERVO_WEAK: "steering servo is slow: wheel angles lag behind the command",
-    Watch.SERVO_DEAD: "steering servo does not follow its command",
-    Watch.SUPPLY_LOW: "supply voltage of the steering servo is low",
-    Watch.STEERING_RUNAWAY: "steering moves away from its command: servo power cut",
-    Watch.REAR_STUCK: "yaw rate does not match the wheel angles: rear steering stuck?",
-    Watch.YAW_RATE_LOST: "no yaw rate: the rear steering cannot be monitored",
-    Watch.ODOMETER_DEAD: "odometer does not count while the vehicle moves",
-    Watch.ODOMETER_REVERSED: "odometer counts in the wrong direction",
-    Watch.ODOMETER_SLIPS: "odometer and GNSS disagree: wheels slip?",
-    Watch.SPEED_UNKNOWN: "speed unknown: odometer bad and no GNSS",
-    Watch.THROTTLE_STUCK: "throttle stuck open: braking",
-    Watch.SPEED_RISES: "throttle stuck open and speed rises: drive power cut",
-    Watch.BRAKE_DEAD: "brake has no effect: drive power cut",
-    Watch.BRAKE_UNTESTED: "braking test has not passed",
-    Watch.PEDAL_UNREAD: "throttle or brake position is not a number",
-    Watch.LINE_SILENT: "drive-by-wire box is silent",
-    Watch.BAD_FRAMES: "drive-by-wire box: three bad frames in a row",
-    Watch.DEFAULTS_ACT: "drive-by-wire box uses its default settings",
-    Watch.BUS_OFF: "drive-by-wire box: bus off",
-    Watch.SECOND_SENDER: "another source commands the drive-by-wire box",
-    Watch.ACTUATOR_FAULT: "drive-by-wire box reports a servo, throttle, brake or power fault",
-    Watch.OFF_PATH: "more than 1 ft off the path",
-    Watch.FAR_OFF_PATH: "more than 3 ft off the path",
-    Watch.OVERRIDE_CONTACTS: "override button: wire cut or contact stuck",
-    Watch.CONTROLLER_SILENT: "operator controller is silent",
-    Watch.TORQUE_UNREAD: "steering torque of the operator is not a number",
-    Watch.HEADING_UNCONFIRMED: "heading not confirmed yet: drive two metres",
-    Watch.HEADING_CONTRADICTED: "heading contradicts the direction of travel: reversed?",
-    Watch.ABOVE_LIMIT: "driven faster than the speed limit for 5 s",
-}
-"""Text of each finding."""
 
 _NOTHING = Watch(0)
 
-REFUSING = Watch.BRAKE_UNTESTED | Watch.HEADING_UNCONFIRMED
-for _bit, _severity in SEVERITY.items():
-    if _severity >= Severity.STOP and _bit is not Watch.FAR_OFF_PATH:
-        REFUSING |= _bit
+REFUSING = functools.reduce(operator.or_, (bit for bit, finding in FINDINGS.items() if finding.refuses))
 """Findings that inhibit engaging."""
 
 
@@ -146,14 +145,14 @@ def as_watch(bits: int) -> Watch:
     return Watch(bits) if bits else _NOTHING
 
 
-def severity_of(bits: Watch) -> Severity:
+def severity_of(bits: BitsT, findings: Mapping[BitsT, Finding]) -> Severity:
     """The largest severity of findings; CONTINUE for none."""
-    return max((SEVERITY[bit] for bit in bits), default=Severity.CONTINUE)
+    return max((findings[bit].severity for bit in bits), default=Severity.CONTINUE)
 
 
-def describe(bits: Watch) -> list[str]:
+def describe(bits: BitsT, findings: Mapping[BitsT, Finding]) -> list[str]:
     """Findings in plain words, the most severe first."""
-    return [TEXT[bit] for bit in sorted(bits, key=lambda bit: (-SEVERITY[bit], bit))]
+    return [findings[bit].text for bit in sorted(bits, key=lambda bit: (-findings[bit].severity, bit))]
 
 
 # Persistence of conditions: turns readings of single ticks into a finding, and keeps it from flickering.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from enum import IntFlag
 
 from lgprjax.autopilot import EngagementInhibit, Event, Fault, Limited, SkidLimited
-from lgprjax.autopilot.monitors import SEVERITY, TEXT, Severity, Watch
+from lgprjax.autopilot.monitors import FINDINGS, Severity, Watch
 from lgprjax.navigation import STOPPING, Reason
 
 REFUSALS = {
@@ -139,11 +139,11 @@ EVENTS = {
 
 _TEXTS_OF = {
     Event.DRIVE_BY_WIRE_DIED: {
-        TEXT[bit]
+        FINDINGS[bit].text
         for bit in (Watch.LINE_SILENT, Watch.BAD_FRAMES, Watch.BUS_OFF, Watch.DEFAULTS_ACT, Watch.SECOND_SENDER)
     },
-    Event.ERROR_RAISED: {text for bit, text in TEXT.items() if SEVERITY[bit] >= Severity.MANUAL},
-    Event.HEALTH_STOP: {text for bit, text in TEXT.items() if SEVERITY[bit] is Severity.STOP}
+    Event.ERROR_RAISED: {each.text for each in FINDINGS.values() if each.severity >= Severity.MANUAL},
+    Event.HEALTH_STOP: {each.text for each in FINDINGS.values() if each.severity is Severity.STOP}
     | {text for reason, text in REASONS.items() if reason & STOPPING},
 }
 

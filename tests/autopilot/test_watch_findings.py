@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lgprjax.autopilot.monitors import REFUSING, SEVERITY, TEXT, Severity, Watch, as_watch, describe, severity_of
+from lgprjax.autopilot.monitors import FINDINGS, REFUSING, Severity, Watch, as_watch, describe, severity_of
 
 MANUAL = {
     "POTENTIOMETER_RANGE",
@@ -38,12 +38,12 @@ def test_every_finding_asks_for_what_the_table_of_faults_says() -> None:
             (ONLY_TOLD, Severity.CONTINUE),
         ):
             expected = severity if name in names else expected
-        assert SEVERITY[bit] is expected, name
+        assert FINDINGS[bit].severity is expected, name
 
 
 def test_every_finding_has_words_of_its_own() -> None:
-    assert set(TEXT) == set(Watch) == set(SEVERITY)
-    assert len(set(TEXT.values())) == len(Watch)
+    assert set(FINDINGS) == set(Watch)
+    assert len({each.text for each in FINDINGS.values()}) == len(Watch)
 
 
 def test_findings_fit_a_record() -> None:
@@ -52,14 +52,16 @@ def test_findings_fit_a_record() -> None:
 
 def test_the_weightiest_comes_first() -> None:
     bits = Watch.SUPPLY_LOW | Watch.SPEED_RISES | Watch.REAR_STUCK
-    assert describe(bits) == [TEXT[Watch.SPEED_RISES], TEXT[Watch.REAR_STUCK], TEXT[Watch.SUPPLY_LOW]]
-    assert describe(Watch(0)) == []
+    assert describe(bits, FINDINGS) == [
+        FINDINGS[bit].text for bit in (Watch.SPEED_RISES, Watch.REAR_STUCK, Watch.SUPPLY_LOW)
+    ]
+    assert describe(Watch(0), FINDINGS) == []
 
 
 @given(st.sets(st.sampled_from(list(Watch))))
 def test_severity_is_that_of_the_worst(found: set[Watch]) -> None:
     bits = as_watch(sum(int(bit) for bit in found))
-    assert severity_of(bits) == max([SEVERITY[bit] for bit in found], default=Severity.CONTINUE)
+    assert severity_of(bits, FINDINGS) == max([FINDINGS[bit].severity for bit in found], default=Severity.CONTINUE)
 
 
 def test_what_refuses_to_engage() -> None:

@@ -25,7 +25,7 @@ from lgprjax.runtime.control.core import ControlCore
 from lgprjax.runtime.control.modes import ModeKeeper
 from lgprjax.runtime.control.program import header_record
 from lgprjax.runtime.control.skid.setup import load_skid
-from lgprjax.runtime.control.skid.watches import TEXT, SkidFound
+from lgprjax.runtime.control.skid.watches import SKID_FINDINGS, SkidFound
 from lgprjax.simulation.devices import field_stage
 from refusals import refused
 
@@ -313,7 +313,7 @@ def test_engaging_is_refused_until_the_heading_is_known(moments: Moments) -> Non
     loop = FieldLoop(moments.config, moments.loaded, pose, script, [])
     loop.run(2.4)
     assert loop.mode is Mode.READY
-    assert loop.state["refusal_text"] == TEXT[SkidFound.HEADING_UNKNOWN]
+    assert loop.state["refusal_text"] == SKID_FINDINGS[SkidFound.HEADING_UNKNOWN].text
     assert not any(int(row["engage"]) for row in loop.rows)
     assert loop.run(12.0, until=lambda each: bool(int(each.rows[-1]["known"]) & 2))
     assert not loop.run(0.3)

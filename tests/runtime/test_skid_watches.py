@@ -4,19 +4,17 @@ import math
 
 import pytest
 
-from lgprjax.autopilot.monitors import Severity, Watch
+from lgprjax.autopilot.monitors import Severity, Watch, describe
 from lgprjax.run_records import StopBits
 from lgprjax.runtime.control.senses import LocalAttitude, TurnRate
 from lgprjax.runtime.control.skid.senses import InsTurns
 from lgprjax.runtime.control.skid.watches import (
-    SEVERITY,
-    TEXT,
+    SKID_FINDINGS,
     SkidFound,
     ToolBelief,
     ToolReading,
     ToolWatchState,
     TrackWatchState,
-    describe_found,
     step_tool_watch,
     step_track_watch,
     stops_of,
@@ -118,10 +116,10 @@ def test_turns_by_rates_are_summed_and_not_across_a_gap() -> None:
 
 
 def test_every_finding_has_words_a_severity_and_its_stop() -> None:
-    assert set(SEVERITY) == set(TEXT) == set(SkidFound)
+    assert set(SKID_FINDINGS) == set(SkidFound)
     for bit in SkidFound:
-        assert describe_found(bit) == [TEXT[bit]]
-        if SEVERITY[bit] is Severity.STOP:
+        assert describe(bit, SKID_FINDINGS) == [SKID_FINDINGS[bit].text]
+        if SKID_FINDINGS[bit].severity is Severity.STOP:
             assert stops_of(bit, Watch(0))
     assert stops_of(SkidFound(0), Watch.LINE_SILENT) == StopBits.BOX
     assert stops_of(SkidFound.EDGE | SkidFound.TOOL_OFF, Watch(0)) == StopBits.EDGE | StopBits.TOOL

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from lgprjax.autopilot import Action, Check, EngagementInhibit, Event, Mode, inhibit_of
-from lgprjax.autopilot.monitors import TEXT, Watch
+from lgprjax.autopilot.monitors import FINDINGS, Watch
 from lgprjax.coverage.field import HIGHEST_LEVEL
 from lgprjax.coverage.resume import RoutePlace
 from lgprjax.errors import InputError
@@ -146,8 +146,8 @@ _PRESSES = (Event.STEERING_BUTTON, Event.CRUISE_PLUS, Event.CRUISE_MINUS)
 _UNCHECKED = (Mode.BOOT, Mode.CHECKS)
 _TOLD = (Mode.ERROR, Mode.MANUAL, Mode.EMERGENCY_STOP)
 """Modes whose cause the page shows."""
-_CONTROLLER = TEXT[Watch.CONTROLLER_SILENT]
-_OVERRIDE_UNREAD = {_CONTROLLER, TEXT[Watch.OVERRIDE_CONTACTS]}
+_CONTROLLER = FINDINGS[Watch.CONTROLLER_SILENT].text
+_OVERRIDE_UNREAD = {_CONTROLLER, FINDINGS[Watch.OVERRIDE_CONTACTS].text}
 """Findings for which the override button is assumed to be pressed."""
 
 

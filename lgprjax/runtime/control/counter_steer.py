@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lgprjax.autopilot import Check, Event, Limited
-from lgprjax.autopilot.monitors import REFUSING, SEVERITY, BoxState, Severity, Watch, describe
+from lgprjax.autopilot.monitors import FINDINGS, REFUSING, BoxState, Severity, Watch, describe
 from lgprjax.navigation import OF_GNSS, OF_LGPR, PlanCode, Reaction, Reason
 from lgprjax.registration import Code
 from lgprjax.run_records import PLAN, POSE, PRIOR, Record, RecordKind, fix_row
@@ -317,7 +317,7 @@ class CounterSteer:
             emergency=watched.severity is Severity.EMERGENCY,
             refuses=bool(bits & REFUSING),
             failed=bool(limited & Limited.MANUAL_REQUESTED),
-            why=[*done, *describe(watched.bits), *reason_words(result.reasons), *limited_words(limited)],
+            why=[*done, *describe(watched.bits, FINDINGS), *reason_words(result.reasons), *limited_words(limited)],
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
@@ -335,7 +335,7 @@ class CounterSteer:
             CheckItem(
                 Check.STEERING_SENSORS,
                 wheels is not None and math.isfinite(self._watched.front_rad) and not found & sensors,
-                "; ".join(describe(found & sensors)) or "no wheel angle",
+                "; ".join(describe(found & sensors, FINDINGS)) or "no wheel angle",
             ),
             CheckItem(Check.GNSS_INS, here, "no position or no heading"),
             *([CheckItem(Check.LGPR, lgpr, "the registration process is not ready")] if self._has_radar else []),
@@ -413,7 +413,7 @@ class CounterSteer:
 
     def warnings(self) -> list[str]:
         """Warnings to the operator."""
-        return [*describe(self._watched.bits), *([_SCANS] if self._scans_missing else [])]
+        return [*describe(self._watched.bits, FINDINGS), *([_SCANS] if self._scans_missing else [])]
 
     def inhibit_text(self) -> str:
         """The text of the modes."""
@@ -423,7 +423,8 @@ class CounterSteer:
         """Reasons of the speed cap: watches, health, missing scans."""
         result, watched = self.pilot.result, self._watched
         cause = watched.severity is Severity.DEGRADE
-        words = describe(Watch(sum(bit for bit in watched.bits if SEVERITY[bit] is Severity.DEGRADE))) if cause else []
+        slows = Watch(sum(bit for bit in watched.bits if FINDINGS[bit].severity is Severity.DEGRADE))
+        words = describe(slows, FINDINGS) if cause else []
         words += [_SCANS] if self._missed else []
         return [*words, *(reason_words(degrading(result)) if result.reaction == Reaction.DEGRADE else [])]
 

@@ -29,6 +29,7 @@ from lgprjax.autopilot import (
     step_wheel_sensors,
 )
 from lgprjax.autopilot.monitors import (
+    FINDINGS,
     REFUSING,
     BoxState,
     Dwell,
@@ -267,7 +268,7 @@ class ManoeuvreKind:
         if not received:
             bits &= ~Watch.LINE_SILENT
         limited = Limited(int(self._result[3])) if decided else Limited(0)
-        severity = severity_of(bits) if received else Severity.CONTINUE
+        severity = severity_of(bits, FINDINGS) if received else Severity.CONTINUE
         trouble = self._trouble
         ages_s = {"drive-by-wire box is silent": self._sensed.wheels_age_s if received else math.inf}
         if self._moves:
@@ -285,7 +286,7 @@ class ManoeuvreKind:
             emergency=severity is Severity.EMERGENCY,
             refuses=bool(bits & REFUSING),
             failed=bool(limited & Limited.MANUAL_REQUESTED),
-            why=[*ended, *trouble, *describe(bits), *limited_words(limited)],
+            why=[*ended, *trouble, *describe(bits, FINDINGS), *limited_words(limited)],
         )
 
     def checks(self, processes: Processes) -> list[CheckItem]:
@@ -297,7 +298,7 @@ class ManoeuvreKind:
             CheckItem(
                 Check.STEERING_SENSORS,
                 wheels is not None and math.isfinite(self._front) and not found & sensors,
-                "; ".join(describe(found & sensors)) or "no wheel angle",
+                "; ".join(describe(found & sensors, FINDINGS)) or "no wheel angle",
             ),
             CheckItem(Check.STORAGE, not processes.silent("recorder"), "nothing is being recorded"),
         ]
@@ -360,7 +361,7 @@ class ManoeuvreKind:
         row["front_rad"] = self._front
         row["limited"], row["engage"] = int(self._result[3]), self._sent.engage
         row["command"] = (self._sent.front_rad, self._sent.throttle, self._sent.brake)
-        row["watch"], row["severity"] = int(self._bits), int(severity_of(self._bits))
+        row["watch"], row["severity"] = int(self._bits), int(severity_of(self._bits, FINDINGS))
         return [(RecordKind.PLAN, row.tobytes())]
 
     def state(self, tick: int) -> dict[str, Any]:
@@ -385,7 +386,7 @@ class ManoeuvreKind:
 
     def warnings(self) -> list[str]:
         """Warnings to the operator."""
-        return [*describe(self._bits), *self._trouble]
+        return [*describe(self._bits, FINDINGS), *self._trouble]
 
     def inhibit_text(self) -> str:
         """Why the manoeuvre cannot be engaged."""

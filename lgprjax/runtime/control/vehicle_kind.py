@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from lgprjax.autopilot import Check, Event, Mode, PathOffset
-from lgprjax.autopilot.monitors import Severity, Watch, describe
+from lgprjax.autopilot.monitors import FINDINGS, Severity, Watch, describe
 from lgprjax.navigation import Reaction
 from lgprjax.run_records import Record, RecordKind
 from lgprjax.runtime.config import RuntimeConfig
@@ -205,7 +205,7 @@ LINE = Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.DEFAULTS_ACT
 def box_checks(bits: Watch, *, received: bool) -> list[CheckItem]:
     """Checks of the drive-by-wire box and its line, which every vehicle has."""
     line = bits & (Watch.LINE_SILENT | Watch.BAD_FRAMES | Watch.BUS_OFF | Watch.ACTUATOR_FAULT)
-    said = "; ".join(describe(line)) or "the drive-by-wire box is silent"
+    said = "; ".join(describe(line, FINDINGS)) or "the drive-by-wire box is silent"
     second = bool(bits & Watch.SECOND_SENDER)
     return [
         CheckItem(Check.SECOND_MASTER, not second, "another sender commands the drive-by-wire box"),

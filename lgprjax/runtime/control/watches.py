@@ -17,6 +17,7 @@ from lgprjax.autopilot.chassis_monitors import (
     step_wheel_sensors,
 )
 from lgprjax.autopilot.monitors import (
+    FINDINGS,
     Dwell,
     LineWatchState,
     MotionState,
@@ -240,7 +241,9 @@ class Watches:
         rate = sensed.yaw_rate_radps
         if not math.isfinite(rate) and math.isfinite(front + speed):
             rate = speed * curvature(self._chassis, front) * yaw_gain(self._chassis, speed)
-        return Watched(bits, severity_of(bits), events, front, rate if math.isfinite(rate) else 0.0, speed_known)
+        return Watched(
+            bits, severity_of(bits, FINDINGS), events, front, rate if math.isfinite(rate) else 0.0, speed_known
+        )
 
     def _believed_mps(self, speed_mps: float, bits: Watch, engaged: bool, estimated_mps: float, step_s: float) -> float:
         """Speed for the detection of standstill: the wheels' while they are trusted.

@@ -9,7 +9,7 @@ import numpy as np
 
 from lgprjax.autopilot import Check, Event, Mode
 from lgprjax.autopilot.limiter import SkidLimited
-from lgprjax.autopilot.monitors import REFUSING, Severity, Watch, describe
+from lgprjax.autopilot.monitors import FINDINGS, REFUSING, Severity, Watch, describe, severity_of
 from lgprjax.autopilot.skid_step import OFF_LINE_M, SkidState
 from lgprjax.navigation import Reaction, Reason
 from lgprjax.run_records import COVER, SKID_PLAN, Record, RecordKind, StopBits, ToolBits
@@ -17,7 +17,6 @@ from lgprjax.runtime.config import CoverageTable, RuntimeConfig
 from lgprjax.runtime.control.compiled import as_vector
 from lgprjax.runtime.control.modes import CUT, PEDALS, STEERING, CheckItem
 from lgprjax.runtime.control.setup import TICK_S
-from lgprjax.runtime.control.skid import watches as findings
 from lgprjax.runtime.control.skid.compiled import (
     SkidNumbers,
     SkidResult,
@@ -28,6 +27,7 @@ from lgprjax.runtime.control.skid.senses import SkidSensed, SkidSenses
 from lgprjax.runtime.control.skid.setup import SkidLoaded, corner_obstacle, corner_row
 from lgprjax.runtime.control.skid.watches import (
     DRIVE,
+    SKID_FINDINGS,
     SkidFound,
     SkidSent,
     SkidWatched,
@@ -35,8 +35,6 @@ from lgprjax.runtime.control.skid.watches import (
     ToolBelief,
     ToolReading,
     depth_right,
-    describe_found,
-    severity_of_found,
     stops_of,
 )
 from lgprjax.runtime.control.vehicle_kind import (
@@ -361,7 +359,9 @@ class SkidSteerVehicle:
         bits = self._watched.bits if sensed.box is not None else self._watched.bits & ~Watch.LINE_SILENT
         found = self._found()
         severity = (
-            max(self._watched.severity, severity_of_found(found)) if sensed.box is not None else Severity.CONTINUE
+            max(self._watched.severity, severity_of(found, SKID_FINDINGS))
+            if sensed.box is not None
+            else Severity.CONTINUE
         )
         return VehicleStatus(
             started=self.pilot.started,
@@ -377,7 +377,7 @@ class SkidSteerVehicle:
             severity=severity,
             manual=severity >= Severity.MANUAL and bool(bits & ~LINE),
             emergency=severity is Severity.EMERGENCY,
-            refuses=bool(bits & REFUSING) or bool(found & findings.REFUSING),
+            refuses=bool(bits & REFUSING) or any(SKID_FINDINGS[bit].refuses for bit in found),
             failed=bool(limited & SkidLimited.MANUAL_REQUESTED),
             why=self._why(bits, found, limited),
         )
@@ -412,7 +412,7 @@ class SkidSteerVehicle:
         """The decision, the state of the tool, and a marked corner."""
         del now_ns  # rows are valid for the tick that they are recorded with
         result, watched, found = self.pilot.result, self._watched, self._found()
-        severity = max(watched.severity, severity_of_found(found))
+        severity = max(watched.severity, severity_of(found, SKID_FINDINGS))
         plan = skid_plan_row(result, self._sent, mode=mode, bits=watched.bits, found=found, severity=severity)
         rows = [(RecordKind.SKID_PLAN, plan)]
         self._ticks += 1
@@ -434,19 +434,19 @@ class SkidSteerVehicle:
         # warning.
         told = whole(self.pilot.result.reasons) & Reason.GNSS_SILENT
         off = [f"GNSS off for {age_s:.0f} s"] if _GNSS_OFF_S < age_s < math.inf and not told else []
-        return [*describe(self._watched.bits), *describe_found(self._found()), *off]
+        return [*describe(self._watched.bits, FINDINGS), *describe(self._found(), SKID_FINDINGS), *off]
 
     def inhibit_text(self) -> str:
         """An unknown heading, or a missing plan, which the operator can change."""
         if self._loaded.name is None:
             return "no plan: the ground is recorded while you drive"
-        return findings.TEXT[SkidFound.HEADING_UNKNOWN] if self._found() & SkidFound.HEADING_UNKNOWN else ""
+        return SKID_FINDINGS[SkidFound.HEADING_UNKNOWN].text if self._found() & SkidFound.HEADING_UNKNOWN else ""
 
     def slow(self) -> list[str]:
         """Reasons of the speed cap: watches and health."""
         result, watched = self.pilot.result, self._watched
         cause = watched.severity is Severity.DEGRADE
-        words = describe(watched.bits) if cause else []
+        words = describe(watched.bits, FINDINGS) if cause else []
         if result.reaction != Reaction.DEGRADE:
             return words
         # The consequence for this vehicle comes first, because it is why the vehicle does not move.
@@ -502,8 +502,8 @@ class SkidSteerVehicle:
         done = [ARRIVED[1]] if result.done > 0.5 else []
         return [
             *done,
-            *describe_found(found),
-            *describe(bits),
+            *describe(found, SKID_FINDINGS),
+            *describe(bits, FINDINGS),
             *reason_words(result.reasons),
             *limited_words(limited),
         ]

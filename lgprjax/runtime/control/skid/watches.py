@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 from lgprjax.autopilot import Event
 from lgprjax.autopilot.monitors import (
+    FINDINGS,
     SILENT_S,
     Dwell,
+    Finding,
     Severity,
     Watch,
     counted_step_s,
@@ -38,35 +40,24 @@ class SkidFound(IntFlag):
     OFF_LINE = 256
 
 
-SEVERITY = {
-    SkidFound.REMOTE_SILENT: Severity.STOP,
-    SkidFound.EDGE: Severity.STOP,
-    SkidFound.TOOL_OFF: Severity.STOP,
-    SkidFound.TOOL_DEPTH: Severity.STOP,
-    SkidFound.LEFT_DEAD: Severity.STOP,
-    SkidFound.RIGHT_DEAD: Severity.STOP,
-    SkidFound.HEADING_UNKNOWN: Severity.STOP,
+SKID_FINDINGS = {
+    SkidFound.REMOTE_SILENT: Finding(Severity.STOP, "remote control is silent: stopping", refuses=True),
+    SkidFound.EDGE: Finding(Severity.STOP, "the fence would be crossed: stopping before it", refuses=False),
+    SkidFound.TOOL_OFF: Finding(Severity.STOP, "tool does not turn: stopping, cells are not counted", refuses=False),
+    SkidFound.TOOL_DEPTH: Finding(
+        Severity.STOP, "tool at a wrong depth: stopping, cells are not counted", refuses=False
+    ),
+    SkidFound.LEFT_DEAD: Finding(Severity.STOP, "left track or its sensor has failed", refuses=True),
+    SkidFound.RIGHT_DEAD: Finding(Severity.STOP, "right track or its sensor has failed", refuses=True),
+    SkidFound.HEADING_UNKNOWN: Finding(
+        Severity.STOP, "heading not known: drive straight by remote control", refuses=True
+    ),
     # Requests of the estimate come as navigation's reaction.
-    SkidFound.UNCERTAIN: Severity.CONTINUE,
-    SkidFound.OFF_LINE: Severity.STOP,
+    SkidFound.UNCERTAIN: Finding(Severity.CONTINUE, "position too uncertain: no GNSS for too long?", refuses=False),
+    SkidFound.OFF_LINE: Finding(Severity.STOP, "off the working line: stopping", refuses=False),
 }
-"""Reaction to each finding while the computer drives."""
+"""Of a skid-steer vehicle alone; those that do not refuse arise while it drives."""
 
-TEXT = {
-    SkidFound.REMOTE_SILENT: "remote control is silent: stopping",
-    SkidFound.EDGE: "the fence would be crossed: stopping before it",
-    SkidFound.TOOL_OFF: "tool does not turn: stopping, cells are not counted",
-    SkidFound.TOOL_DEPTH: "tool at a wrong depth: stopping, cells are not counted",
-    SkidFound.LEFT_DEAD: "left track or its sensor has failed",
-    SkidFound.RIGHT_DEAD: "right track or its sensor has failed",
-    SkidFound.HEADING_UNKNOWN: "heading not known: drive straight by remote control",
-    SkidFound.UNCERTAIN: "position too uncertain: no GNSS for too long?",
-    SkidFound.OFF_LINE: "off the working line: stopping",
-}
-"""Text of each finding."""
-
-REFUSING = SkidFound.REMOTE_SILENT | SkidFound.LEFT_DEAD | SkidFound.RIGHT_DEAD | SkidFound.HEADING_UNKNOWN
-"""Findings that inhibit engaging; the others arise while it drives."""
 
 _STOPS = {
     SkidFound.REMOTE_SILENT: StopBits.OPERATOR,
@@ -88,16 +79,6 @@ _BOX = (
     | Watch.ACTUATOR_FAULT
 )
 _OPERATOR = Watch.OVERRIDE_CONTACTS | Watch.CONTROLLER_SILENT
-
-
-def severity_of_found(found: SkidFound) -> Severity:
-    """The largest severity of findings; CONTINUE for none."""
-    return max((SEVERITY[bit] for bit in found), default=Severity.CONTINUE)
-
-
-def describe_found(found: SkidFound) -> list[str]:
-    """Findings in plain words, the most severe first."""
-    return [TEXT[bit] for bit in sorted(found, key=lambda bit: (-SEVERITY[bit], bit))]
 
 
 def stops_of(found: SkidFound, watch: Watch) -> StopBits:
@@ -318,7 +299,7 @@ class SkidWatches:
             speed_mps=speed,
             step_s=step_s,
         )
-        severity = max(severity_of(bits), severity_of_found(found))
+        severity = max(severity_of(bits, FINDINGS), severity_of(found, SKID_FINDINGS))
         return SkidWatched(bits, found, severity, events, self._corner(operator), reading)
 
     def _corner(self, operator: Operator) -> bool:
