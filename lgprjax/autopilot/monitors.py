@@ -152,7 +152,8 @@ def severity_of(bits: BitsT, findings: Mapping[BitsT, Finding]) -> Severity:
 
 def describe(bits: BitsT, findings: Mapping[BitsT, Finding]) -> list[str]:
     """Findings in plain words, the most severe first."""
-    return [findings[bit].text for bit in sorted(bits, key=lambda bit: (-findings[bit].severity, bit))]
+    found = sorted((-findings[bit].severity, bit, findings[bit].text) for bit in bits)
+    return [text for _, _, text in found]
 
 
 # Persistence of conditions: turns readings of single ticks into a finding, and keeps it from flickering.

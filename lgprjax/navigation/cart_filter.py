@@ -98,7 +98,7 @@ CartEstimate = kalman.Estimate
 
 
 class CartFilterState(NamedTuple):
-    """What is carried from tick to tick.
+    """State between ticks.
 
     Attributes:
         estimate: at the tick's end.
@@ -123,7 +123,7 @@ class CartFilterState(NamedTuple):
 
 
 class CartInfo(NamedTuple):
-    """What became of a tick.
+    """Outcome of a tick.
 
     Attributes:
         heading_known: the yaw may be used; heading_started: it became known in this tick.
@@ -192,7 +192,7 @@ def cart_model(*, gnss_x_m: float, gnss_y_m: float, slip_ahead_m: float = 0.02) 
 
 
 def cart_rules() -> GateRules:
-    """Gates for GNSS at 1 Hz, re-acquired after the sixth consecutive rejection: nobody else witnesses."""
+    """Gates for GNSS at 1 Hz, re-acquired after the sixth consecutive rejection: no second source can confirm."""
     rules = default_rules()
     return rules._replace(reacquire_after=rules.reacquire_after.at[GNSS].set(5), forget_s=jnp.float32(5.0))
 
@@ -260,7 +260,7 @@ def step_cart(
     starts = takes & ready & ~state.known
     known = state.known | starts
     zero, one = jnp.float32(0.0), jnp.float32(1.0)
-    # With the heading goes what was told through it: speed and curvature.
+    # With the heading goes what was estimated through it: speed and curvature.
     mean = estimate.mean
     lost = {YAW: zero, SPEED: jnp.abs(mean[SPEED]) - mean[SPEED], CURVATURE: -mean[CURVATURE]}
     spread = {

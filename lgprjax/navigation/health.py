@@ -362,7 +362,7 @@ def _listened(
     repeated_m = jnp.where(filter_info.offered[GNSS], stuck_m, state.repeated_m)
     full = state.bin_s + passed_s >= rules.fading_s / _BINS
     matched = ~jnp.isnan(lgpr_p_false)
-    # At standstill one match is told again and again: no fix more, and none that were there are forgotten.
+    # At standstill one match is reported repeatedly: no fix is added, and earlier ones are kept.
     speed_mps = jnp.abs(filter_state.estimate.mean[SPEED])
     moving = speed_mps >= _MOVING_MPS
     way_m = state.fix_way_m + jnp.where(moving, speed_mps * passed_s, 0.0)
@@ -428,7 +428,7 @@ def _seen(
         Reason.LGPR_FADED: faded,
         Reason.CONFLICT: conflict_s > 0.0,
         Reason.REACQUIRED: filter_info.reacquired.any(),
-        # What is no number is within no limit.
+        # A value that is not finite is within no limit.
         Reason.FRAME_BEHIND: ~(frame_left_m <= rules.degrade_frame_m),
         Reason.UNCERTAIN: ~(cross_m <= rules.free_cross_m),
         Reason.POSITION_LOST: lost[GNSS] & lost[LGPR],

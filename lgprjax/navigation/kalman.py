@@ -182,7 +182,7 @@ def reopen(
 
     Args:
         estimate: before.
-        moves: by state, what is added to its mean.
+        moves: change of each state's mean.
         variances: by state, its variance from now on.
         use: whether they are let go; if not, the estimate stays what it is.
     """
@@ -262,7 +262,7 @@ def wrapped(estimate: Estimate) -> Estimate:
 
 
 def times(one: Float[Array, "row inner"], other: Float[Array, "inner column"]) -> Float[Array, "row column"]:
-    """The product of matrices with all digits of float32: accelerators round factors unless told otherwise."""
+    """The product of matrices with all digits of float32: accelerators round factors by default."""
     # Small ones are fused with what precedes them if summed elementwise: the hand cart's smoother takes half the time.
     if max(*one.shape, *other.shape) <= 8:
         return (one[:, :, None] * other[None]).sum(axis=1)

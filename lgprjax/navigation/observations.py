@@ -119,7 +119,7 @@ def no_observations() -> Observations:
 # judged elsewhere. A position that does not change while the vehicle drives is never re-acquired.
 
 NEVER_S = 1e6
-"""Stands for the time since something that has not happened yet."""
+"""Time since an event that has not happened yet."""
 
 
 class GateRules(NamedTuple):

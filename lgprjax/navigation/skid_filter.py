@@ -486,7 +486,7 @@ class SkidFilterState(NamedTuple):
 
 
 class SkidFilterInfo(NamedTuple):
-    """What became of a tick. Where there are two values, they are of GNSS and of the heading.
+    """Outcome of a tick. Where there are two values, they are of GNSS and of the heading.
 
     Attributes:
         heading_known: the yaw may be used.

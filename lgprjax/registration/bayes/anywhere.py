@@ -76,7 +76,7 @@ class Heard(NamedTuple):
 
 
 class Places(NamedTuple):
-    """What was proposed.
+    """The proposal of a stop.
 
     Attributes:
         cell, node: first of each place; a node counts from the outermost at which the arrays meet.
@@ -96,7 +96,7 @@ class Shown(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What a stop reports.
+    """Report of a stop.
 
     Attributes:
         p_false: probability of everything more than 0.3 m from the mode or with another heading, foreign ground

@@ -310,7 +310,7 @@ class DriveFilter:
         self._lattice = replace(self._lattice, centre_m=self._lattice.centre_m + moved_m)
 
     def _take(self, mass: jax.Array) -> None:
-        """Replace the mass; what is missing is elsewhere."""
+        """Replace the mass; the missing share counts as elsewhere."""
         assert self._state is not None
         foreign = jnp.maximum(1.0 - jnp.sum(mass), 0.0)
         summed = jnp.zeros(mass.shape[2:], jnp.float32)
@@ -418,7 +418,7 @@ class DriveFilter:
         body_m = np.stack([forward_m, np.broadcast_to(self._body_m[:, 1], forward_m.shape)], axis=-1)
         most_m = float(np.max(np.hypot(body_m[..., 0], body_m[..., 1])))
         reach = (_fours(most_m / self.step_m[0]), _fours(most_m / self.step_m[1]))
-        # A prior beside a narrow map has its lattice's middle up to half the region beyond the grid.
+        # A prior outside a narrow map has its lattice's middle up to half the region beyond the grid.
         border = (2 * self._whole[0] + reach[0] + 2, 2 * self._whole[1] + reach[1] + 2)
         tile = 0 if self._tile is None else self._tile
         frame = self.ground.frame(tile)

@@ -29,7 +29,7 @@ _BESIDE = (7, 7)
 """Places ahead of the mode, and as many behind, from which a stop's scatter is taken."""
 _LEAST_CELLS = 24.0
 _LEAST_FAR = 200.0
-"""Places that tell of foreign ground: those of a lattice over the whole region."""
+"""Places that measure the scatter of foreign ground: those of a lattice over the whole region."""
 SURE_SIGMAS = 4.0
 _MOST_ASIDE = 0.5  # of the wavelength: beyond it a place resembles the mode's by chance alone
 _KEPT = 15.0 / 16.0
@@ -109,7 +109,7 @@ class Model(NamedTuple):
 
 
 class Posterior(NamedTuple):
-    """What a stop reports.
+    """Report of a stop.
 
     Attributes:
         mode: place with the largest mass, along and across.

@@ -1,7 +1,7 @@
 """From the mode of the posterior to a pose with its covariance: Gauss-Newton on the stops around (host side).
 
 The posterior decides where; the climb finds the last millimetres, height, heading and roll from the stops of a metre or
-two of travel. What it cannot see, errors of labels and of the odometer, is added to its covariance.
+two of travel. Errors of labels and of the odometer, which it cannot see, are added to its covariance.
 """
 
 from typing import NamedTuple

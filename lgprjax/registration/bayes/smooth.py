@@ -51,7 +51,7 @@ def join(
     other = _resampled(there, here, step_m, each * np.maximum(out, out_ahead))
     joint = here.crop * other / each
     beyond = out * out_ahead / others
-    # Without a word from the other end, the one stands.
+    # Without a report from the other end, the first is used.
     joint, beyond = (
         np.where(last.reshape(-1, *(1,) * (one.ndim - 1)), alone, one)
         for one, alone in ((joint, forward.crop.astype(np.float64)), (beyond, out))

@@ -31,7 +31,7 @@ def smooth_drive(
     recorded: int,
     prepared: PreparedGround,
 ) -> DriveFixes:
-    """Fixes of every scan of a drive by the filter, smoothed by what lies ahead.
+    """Fixes of every scan of a drive by the filter, smoothed by later scans.
 
     Args:
         ground: from ``ground_map_for`` with the same options.
