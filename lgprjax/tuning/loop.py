@@ -360,13 +360,16 @@ def _solve(
 
 @jax.jit
 def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
-    """The posterior of the numbers from all drives together."""
+    """The posterior of the numbers from all drives together.
+
+    Starts, and rates of the grid, are solved one after another: each holds derivatives of every step of every drive.
+    """
     count = len(NAMES)
     others = jnp.ones(count).at[RATE].set(0.0)
     starts = jnp.zeros((len(_STARTS), count)).at[:, RATE].set(jnp.asarray(_STARTS, jnp.float32))
-    solved = jax.vmap(lambda at: _solve(prior, logs, at, _ALL, jnp.ones(count), _ROUNDS))(starts)
+    solved = jax.lax.map(lambda at: _solve(prior, logs, at, _ALL, jnp.ones(count), _ROUNDS), starts)
     scale = residual_scale(prior, logs, solved[2]).T
-    costs = jax.vmap(lambda at: _cost(prior, logs, at, scale) + 0.5 * jnp.sum(at**2))(solved)
+    costs = jax.lax.map(lambda at: _cost(prior, logs, at, scale) + 0.5 * jnp.sum(at**2), solved)
     # Times, rate, asymmetry and dead band are not regular and may stop a solution before the chassis' numbers rest.
     best = _solve(prior, logs, solved[jnp.argmin(costs)], _CHASSIS, jnp.ones(count), _ROUNDS)
     seen = _look(prior, logs, best, None)
@@ -403,7 +406,7 @@ def identify(prior: LoopPrior, logs: LoopLogs) -> LoopPosterior:
         cost = found.cost / memory[RATE] ** 2
         return place, root, left, cost, cost + 0.5 * jnp.sum(place**2) - volume
 
-    places, roots, left, cost, price = jax.vmap(along)(node)
+    places, roots, left, cost, price = jax.lax.map(along, node)
     # Drives that do not reach the rate say nothing of higher ones, whatever their noise does. Of lower ones they do: a
     # slower servo had not turned as fast. How fast it turned is the model's, and may be more than the servo did.
     slower = values_of(prior, places)[:, RATE] < jnp.max(fastest)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lgprjax.tuning.loop import NAMES, PADDING, RATE, STEP_S, WIDTH, LoopLogs, LoopPosterior, LoopPrior
+from lgprjax.tuning.loop import NAMES, PADDING, RATE, STEP_S, WIDTH, LoopLogs, LoopPosterior, LoopPrior, identify
 from lgprjax.tuning.loop_fit import LoopFit, fit_loop, summarise, torque_verdict
 
 BASE_M, LAG_S = 2.6, 0.3
@@ -83,6 +83,15 @@ def test_at_several_speeds_ratio_and_slip_are_both_told() -> None:
         found = fit.numbers[name]
         assert name in fit.told
         assert found.low < truth < found.high
+
+
+def test_memory_is_that_of_one_rate_of_the_grid() -> None:
+    """About 500 bytes a step of a drive: ten derivatives of two outputs, some times over."""
+    drives, steps = 2, PADDING
+    columns = [jnp.zeros((drives, steps))] * 5 + [jnp.ones((drives, steps), bool)] * 3
+    prior = LoopPrior(jnp.ones(len(NAMES)), jnp.asarray(WIDTH, jnp.float32), jnp.float32(BASE_M), jnp.float32(0.0))
+    held = identify.lower(prior, LoopLogs(*columns)).compile().memory_analysis()
+    assert held.temp_size_in_bytes < 700 * drives * steps
 
 
 def test_where_the_servo_begins_is_not_taken_for_its_rate() -> None:
