@@ -91,6 +91,7 @@ def test_memory_is_that_of_one_rate_of_the_grid() -> None:
     columns = [jnp.zeros((drives, steps))] * 5 + [jnp.ones((drives, steps), bool)] * 3
     prior = LoopPrior(jnp.ones(len(NAMES)), jnp.asarray(WIDTH, jnp.float32), jnp.float32(BASE_M), jnp.float32(0.0))
     held = identify.lower(prior, LoopLogs(*columns)).compile().memory_analysis()
+    assert held is not None
     assert held.temp_size_in_bytes < 700 * drives * steps
 
 
