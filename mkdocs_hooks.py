@@ -204,11 +204,11 @@ def messages_page() -> str:
 
 def findings_page() -> str:
     """Findings of the monitors and the reaction to each, from the tables that the vehicle uses."""
-    told = "What the monitors of the vehicle find, as `lgprjax events` and the page show it, and the reaction to it."
+    about = "Findings of the vehicle's monitors, as the page shows them. Reactions hold while the computer drives."
     lines = [
         "# Findings and reactions",
         "",
-        told,
+        about,
         "",
         "| finding | reaction | refuses engaging |",
         "| --- | --- | --- |",
