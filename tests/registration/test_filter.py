@@ -16,6 +16,7 @@ from lgprjax.cli import main
 from lgprjax.formats import DriveLog, MapFile, read_fixes
 from lgprjax.registration import RegisterOptions, Track
 from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run, weigh
+from lgprjax.registration.bayes.heading import HeadingError, turn_between
 from lgprjax.registration.bayes.likelihood import RHOS, Likelihood, measure_likelihood
 from lgprjax.registration.bayes.score import LatticeGround, Surface, lattice_ground
 from lgprjax.scene import WEATHER
@@ -425,3 +426,82 @@ def test_few_channels_are_located(site: Site, tmp_path: Path) -> None:
     ok, off_m = judged(drive)
     assert ok.mean() > 0.5
     assert off_m.max() < 0.3
+
+
+# Headings that are not as stated.
+
+
+def bend(rng: np.random.Generator, length_m: float = 4.0) -> np.ndarray:
+    """A path of constant curvature, any direction."""
+    at_m = np.arange(0.0, length_m, rng.uniform(0.03, 0.15))
+    yaw = rng.uniform(-np.pi, np.pi) + at_m * rng.uniform(-0.1, 0.1)
+    step_m = np.gradient(at_m)
+    return np.stack([np.cumsum(np.cos(yaw) * step_m), np.cumsum(np.sin(yaw) * step_m)], axis=1)
+
+
+def seen(rng: np.random.Generator, path_m: np.ndarray, turn_deg: float) -> np.ndarray:
+    """Places of a vehicle whose heading is off, with odometry's wander and errors of places alike over half a metre."""
+    steps_m = np.diff(path_m, axis=0, prepend=path_m[:1])
+    wander_m = 0.01 * np.sqrt(np.hypot(*steps_m.T))[:, None] * rng.normal(size=path_m.shape)
+    turn = np.exp(1j * np.radians(turn_deg)) * (steps_m @ [1.0, 1j])
+    place_m = np.stack([turn.real, turn.imag], axis=1).cumsum(axis=0) + wander_m.cumsum(axis=0)
+    alike = max(1, round(0.5 * len(path_m) / 4.0))
+    noise_m = np.repeat(rng.normal(size=(len(path_m) // alike + 1, 2)), alike, axis=0)[: len(path_m)]
+    return np.asarray(place_m + rng.uniform(0.0, 0.03) * noise_m + rng.uniform(-50.0, 50.0, 2))
+
+
+@pytest.mark.parametrize(("off_deg", "least", "most"), [(0.3, 0.0, 0.005), (3.0, 0.0, 0.2), (9.0, 0.9, 1.0)])
+def test_a_heading_off_by_more_than_stated_is_measured(off_deg: float, least: float, most: float) -> None:
+    rng = np.random.default_rng(8)
+    found = []
+    for _ in range(400):
+        path_m = bend(rng)
+        true_deg = off_deg * rng.choice([-1.0, 1.0])
+        turn_rad, sigma_rad = turn_between(path_m, seen(rng, path_m, true_deg), np.radians(0.3))
+        found.append((turn_rad != 0.0, abs(turn_rad - np.radians(true_deg)) < 3.0 * sigma_rad))
+    turned, right = np.array(found).T
+    assert least <= turned.mean() <= most
+    assert np.sum(turned & ~right) <= 0.05 * len(turned)
+
+
+def test_a_corrected_path_has_no_steps() -> None:
+    """A heading off by 10°: from some metres on, the corrected path runs beside the true one; changes of the turn begin
+    at the stop that brought them.
+    """
+    rng = np.random.default_rng(9)
+    path_m = bend(rng, 20.0)
+    place_m = seen(rng, path_m, 10.0)
+    travel_m = np.cumsum(np.hypot(*np.diff(path_m, axis=0, prepend=path_m[:1]).T))
+    known, corrected_m = HeadingError(), np.zeros_like(path_m)
+    for low in range(0, len(path_m), 8):
+        own = slice(low, low + 8)
+        corrected_m[own] = known.corrected_m(path_m[own])
+        known.hear(travel_m[own], path_m[own], place_m[own], np.full(len(path_m[own]), 1e-3), np.radians(0.3))
+    steps_m = np.hypot(*np.diff(corrected_m, axis=0).T)
+    np.testing.assert_allclose(steps_m, np.hypot(*np.diff(path_m, axis=0).T), atol=1e-9)
+    late = travel_m > 8.0
+    drift_m = (corrected_m - place_m)[late]
+    assert np.ptp(drift_m, axis=0).max() < 0.5 < 12.0 * np.radians(10.0)
+    assert known.used
+
+
+@pytest.mark.parametrize("causal", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_a_heading_that_is_wrong_and_sure_is_found(site: Site, causal: bool) -> None:
+    """Off by -9° and stated to 0.3°."""
+
+    def led_to(track: Track) -> Track:
+        pose = track.pose.copy()
+        pose[:, 3] += np.radians(-9.0)
+        return track._replace(pose=pose, sigma_yaw_rad=np.full(len(pose), np.radians(0.3)))
+
+    options = RegisterOptions(search_m=1.5, filter="causal" if causal else "smoothed")
+    with MapFile.open(site.map) as source, DriveLog.open(site.logs["live"]) as log:
+        drive = register_log(source, log, options, led_to=led_to)
+    ok, off_m = judged(drive)
+    assert ok.mean() > 0.8
+    assert off_m.max() < 0.3
+    assert drive.truth is not None
+    late = ok & (np.abs(drive.track.travel_m - drive.track.travel_m[0]) > 6.0)
+    off_rad = np.asarray(drive.fix.pose)[late, 3] - drive.truth[late, 3]
+    off_rad = np.mod(off_rad + np.pi, 2.0 * np.pi) - np.pi
+    assert np.sqrt(np.mean(off_rad**2)) < np.radians(2.0)

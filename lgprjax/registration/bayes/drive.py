@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from lgprjax.radar import LIGHT_SPEED_M_PER_NS, WAVE_SPEED_M_PER_NS, centre_of
 from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Stop, begin, run
+from lgprjax.registration.bayes.heading import HeadingError
 from lgprjax.registration.bayes.likelihood import RHOS, Likelihood
 from lgprjax.registration.bayes.score import LatticeGround, channel_offsets, lattice_ground, live_components, surfaces
 from lgprjax.registration.judge import RegisterOptions
@@ -78,7 +79,8 @@ class Followed(NamedTuple):
     Attributes:
         error_m: mode of the error of dead reckoning, east and north.
         p_false, foreign, rim, r, cover, widest, variance, aside_m2: see ``Posterior``.
-        heading: of the prior, radians.
+        heading: of the prior, corrected, radians.
+        turn_rad, turn_sigma_rad: what corrects the prior's heading, and its standard deviation.
         scale, height_m: mean over the alternatives.
         rho: mean of the repeatability.
         crop: mass of the places about the mode; ``first_m`` the error at the crop's first place, ``yaw`` its axis.
@@ -94,6 +96,8 @@ class Followed(NamedTuple):
     variance: Float[np.ndarray, " stop"]
     aside_m2: Float[np.ndarray, " stop"]
     heading: Float[np.ndarray, " stop"]
+    turn_rad: Float[np.ndarray, " stop"]
+    turn_sigma_rad: Float[np.ndarray, " stop"]
     scale: Float[np.ndarray, " stop"]
     height_m: Float[np.ndarray, " stop"]
     rho: Float[np.ndarray, " stop"]
@@ -161,6 +165,7 @@ class DriveFilter:
         self._half_m = options.search_half_m()
         self._tiles: dict[tuple[int, int], LatticeGround] = {}
         self._tile: int | None = None
+        self._heading = HeadingError()
         self._state: FilterState | None = None
         self._lattice: _Lattice | None = None
         self._last: tuple[float, int, Float[np.ndarray, 2]] | None = None
@@ -182,17 +187,28 @@ class DriveFilter:
         parts: list[Followed] = []
         low, count = 0, len(stops.number)
         while low < count:
-            self._place_lattice(stops, astray, low)
-            heard, high = self._heard_of(stops, low)
+            if self._lost(stops, low):
+                self._heading = HeadingError()
+                own, apart = stops, np.zeros_like(astray)
+                self._begin(astray[low])
+            else:
+                own, apart = self._corrected(stops)
+            self._place_lattice(own, astray - apart, low)
+            heard, high = self._heard_of(own, low)
             at = np.searchsorted(heard, np.arange(low, high), side="right") - 1
             # Stops that are not heard have the report of the one before.
             if len(heard):
-                told = self._follow_chunk(stops, heard)
+                told = self._follow_chunk(own, heard)
                 self._told = Followed(*(field[-1:] for field in told))
-                parts.append(Followed(*(field[np.maximum(at, 0)] for field in told)))
+                each = Followed(*(field[np.maximum(at, 0)] for field in told))
+                place_m, sigma_rad = own.reckoned_m[heard] + told.error_m, float(np.median(stops.sigma_yaw_rad[heard]))
+                self._heading.hear(stops.path_m[heard], stops.reckoned_m[heard], place_m, told.p_false, sigma_rad)
             else:
                 assert self._told is not None
-                parts.append(Followed(*(np.repeat(field, high - low, axis=0) for field in self._told)))
+                each = Followed(*(np.repeat(field, high - low, axis=0) for field in self._told))
+            # Reports are of dead reckoning as recorded.
+            error_m, first_m = (field + apart[low:high] for field in (each.error_m, each.first_m))
+            parts.append(each._replace(error_m=error_m, first_m=first_m))
             low = high
         return Followed(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
@@ -210,21 +226,31 @@ class DriveFilter:
                 last_m = float(stops.path_m[at])
         return np.asarray(heard, dtype=int), limit
 
+    # The heading's error.
+
+    def _corrected(self, stops: Stops) -> tuple[Stops, Float[np.ndarray, "stop 2"]]:
+        """Stops with headings and dead reckoning corrected, and how far that moves each."""
+        if not self._heading.used:
+            return stops, np.zeros_like(stops.reckoned_m)
+        reckoned_m, pose = self._heading.corrected_m(stops.reckoned_m), stops.pose.copy()
+        pose[:, 3] += self._heading.turn_rad
+        return stops._replace(pose=pose, reckoned_m=reckoned_m), reckoned_m - stops.reckoned_m
+
     # Where the lattice is.
 
+    def _lost(self, stops: Stops, at: int) -> bool:
+        """Nothing is known, another stretch of travel begins, or foreign ground has won."""
+        if self._state is None or self._last is None or self._last[1] != stops.leg[at]:
+            return True
+        assert self._lattice is not None
+        return self._lattice.held and float(self._state.foreign) > _LOST
+
     def _place_lattice(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], at: int) -> None:
-        """Begin, begin anew, narrow down, widen, or move the lattice before a chunk."""
-        leg = int(stops.leg[at])
-        if self._state is None or self._last is None or self._last[1] != leg:
-            self._begin(astray[at])
-        assert self._state is not None
+        """Narrow the lattice down, or move it, before a chunk."""
         assert self._lattice is not None
         lattice = self._lattice
         if lattice.held:
-            if float(self._state.foreign) > _LOST:
-                self._begin(astray[at])
-            else:
-                self._recentre()
+            self._recentre()
         else:
             self._narrow()
             if not lattice.held and np.max(np.abs(astray[at] - lattice.centre_m)) > _ROOM_M:
@@ -539,6 +565,8 @@ class DriveFilter:
         return Followed(
             error_m=lattice.centre_m + ((posterior.mode - half) * self.step_m) @ turn,
             heading=heading,
+            turn_rad=np.full(count, self._heading.turn_rad),
+            turn_sigma_rad=np.full(count, self._heading.sigma_rad),
             scale=share @ lattice.planes.scale,
             height_m=share @ lattice.planes.height_m,
             rho=rho @ np.asarray(RHOS) / np.maximum(rho.sum(axis=1), 1e-30),

@@ -85,6 +85,7 @@ def fixes_of(
     unknown = unknown_attitude(prepared.array, profile_ns, followed)
     half = options.half_width(own.sigma_yaw_rad, options.search_half_m())
     half[:, 2:5] = np.hypot(half[:, 2:5], 3.0 * unknown)
+    half[:, 3] = np.hypot(half[:, 3], 3.0 * found.turn_sigma_rad)
     known = led.likelihood
     numbers = (1.0 + fixes.window_m / led.spacing_m) / (known.memory * np.maximum(known.variance, found.variance))
     candidate = np.where(fixes.p_false < 1.0, tiles, -1)
@@ -92,7 +93,7 @@ def fixes_of(
     size = 1 if few else _BATCH
     for batch in prepared.batches(candidate, own.pose[:, 3], own.speed_mps, size):
         rows = np.concatenate([batch.rows, np.full(size - len(batch.rows), batch.rows[0])])
-        some = _Some(before + rows, place[rows], found.height_m[rows], half[rows], numbers[rows])
+        some = _Some(before + rows, place[rows], found.height_m[rows], half[rows], numbers[rows], found.turn_rad[rows])
         _finish(stops, some, first, last, batch, prepared, led, least, fixes)
     # Matches of the filter weigh several stops by how they depend on each other: they need no pooled scale.
     _add_what_no_match_sees(own, fixes, unknown, max(sigma_scale / POOLED_SIGMA, 1.0))
@@ -133,6 +134,7 @@ class _Some(NamedTuple):
     height_m: Float[np.ndarray, " end"]
     half: Float[np.ndarray, "end 6"]
     numbers: Float[np.ndarray, " end"]
+    turn_rad: Float[np.ndarray, " end"]
 
 
 def _around(stops: Stops, reach: Reach) -> tuple[Int[np.ndarray, " stop"], Int[np.ndarray, " stop"]]:
@@ -173,7 +175,8 @@ def _finish(
     fresh = np.diff(spread, axis=1, prepend=last[rows][:, None] + 1) != 0
     fresh = np.concatenate([np.ones((len(rows), 1), bool), fresh & (spread != rows[:, None])], axis=1)
     template = templates_of(stops, prepared.array, rows, member, fresh)
-    prior = stops.pose[rows]
+    prior = stops.pose[rows].copy()
+    prior[:, 3] += some.turn_rad
     start = np.concatenate([some.place_m, prior[:, 2:]], axis=1)
     start[:, 2] += np.clip(some.height_m, -some.half[:, 2], some.half[:, 2])
     half = some.half.copy()
