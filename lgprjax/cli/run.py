@@ -118,7 +118,7 @@ class Run:
         """The configuration that continues earlier runs, written to the folder of the run."""
         from lgprjax.coverage.resume import RoutePlace
         from lgprjax.formats import read_vehicle
-        from lgprjax.formats.taken_up import write_taken_up
+        from lgprjax.formats.coverage_files import write_taken_up
         from lgprjax.recordings.vehicles import machine_of
         from lgprjax.runtime.config import read_config, write_config
         from lgprjax.worked.plans import open_cover_plan

@@ -15,6 +15,7 @@ from lgprjax.formats.drive import (
 from lgprjax.formats.field_files import FieldPlaces, read_field
 from lgprjax.formats.fixes import drive_hash_of, read_fix_poses, read_fixes, refuse_other_drive, write_fixes
 from lgprjax.formats.line_findings import found_time_zero
+from lgprjax.formats.line_positions import SidePositions, TracePlaces, find_side_files, places_of_traces, read_side_file
 from lgprjax.formats.map_file import MapFile, MapHistory
 from lgprjax.formats.map_layout import CHANCE_METHOD, MAP_PRECISIONS, MapPrecision, chance_as_text, chance_of_text
 from lgprjax.formats.map_writer import MapWriter, copy_stations, locked_map, scratch_folder
@@ -28,10 +29,8 @@ from lgprjax.formats.route_files import RouteFile, read_route, route_findings, w
 from lgprjax.formats.run_log import RunReading, RunSummary, complex_rows, read_run
 from lgprjax.formats.schema import Finding, Schema, load_schema
 from lgprjax.formats.settings_files import Study, read_study, read_thresholds, write_thresholds
-from lgprjax.formats.side_files import find_side_files, read_side_file
-from lgprjax.formats.side_positions import SidePositions, TracePlaces, places_of_traces
 from lgprjax.formats.store import atomic_output, create_store
-from lgprjax.formats.survey_track import SurveyOrigin, write_turning_points
+from lgprjax.formats.survey_track import SurveyOrigin
 from lgprjax.formats.surveys import Survey, import_iprb, import_lines, read_profile
 from lgprjax.formats.trajectory import TRAJECTORY_SUFFIXES, Trajectory, write_trajectory
 from lgprjax.formats.vehicle import (
@@ -52,7 +51,13 @@ from lgprjax.formats.vendors.gprmax import import_gprmax, read_gprmax
 from lgprjax.formats.vendors.grounded import import_grounded
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import import_segy, read_segy
-from lgprjax.formats.waypoint_files import Waypoints, WaypointTrack, read_waypoints, write_waypoints
+from lgprjax.formats.waypoint_files import (
+    Waypoints,
+    WaypointTrack,
+    read_waypoints,
+    write_turning_points,
+    write_waypoints,
+)
 from lgprjax.formats.worked import (
     GeoLayer,
     WorkedRecord,

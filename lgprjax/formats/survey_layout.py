@@ -9,9 +9,9 @@ import pyproj
 from jaxtyping import Float
 
 from lgprjax.errors import InputError
+from lgprjax.formats.line_positions import SidePositions, about_as_many, metres_kind, places_of_traces
 from lgprjax.formats.plausible import lengths_disagree
 from lgprjax.formats.profile import Profile
-from lgprjax.formats.side_positions import SidePositions, about_as_many, metres_kind, places_of_traces
 from lgprjax.formats.survey_track import SurveyOrigin, check_utm, utm_projection
 
 _STRAIGHT_M = 0.25
@@ -138,11 +138,6 @@ def header_positions(line: Profile) -> SidePositions | None:
         x=(x + 180.0) % 360.0 - 180.0 if turns else x,
         y=y,
         z=np.full(len(x), np.nan),
-        height="unstated",
-        time_s=None,
-        quality=None,
-        satellites=None,
-        hdop=None,
         counts={"rows": len(at)},
     )
 

@@ -1,6 +1,5 @@
 """Tracks of surveys: a straight line from an origin, and the heading along a measured path."""
 
-import csv
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -8,12 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pyproj
 from jaxtyping import Float
-from pyproj import Geod
 
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import NavigationTrack
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.store import atomic_output
 from lgprjax.formats.travel import SmoothedTravel, smoothed_travel
 
 # A survey's clock does not matter: scans are timed as if walked at this speed.
@@ -191,65 +188,3 @@ def travel_along_path(
     along_m = step_m * np.cos(np.radians(azimuth) - 0.5 * (halfway[1:] + halfway[:-1]))
     smooth = smoothed_travel(np.arange(len(heading), dtype=np.float64), np.concatenate([[0.0], np.cumsum(along_m)]))
     return smooth._replace(distance_m=np.maximum.accumulate(smooth.distance_m))
-
-
-# Turning points of a perimeter as a table: position, and bearing and distance to each.
-
-DATUM = "WGS 84"
-_COLUMNS = (
-    "point",
-    "latitude_deg",
-    "longitude_deg",
-    "datum",
-    "bearing_from_benchmark_deg",
-    "distance_from_benchmark_m",
-    "bearing_to_next_deg",
-    "distance_to_next_m",
-)
-# A millimetre of distance, and a bearing of equal accuracy at 100 m.
-_DEGREES, _BEARING, _METRES = 10, 4, 3
-
-
-def write_turning_points(
-    path: str | Path,
-    latitude_deg: Float[np.ndarray, " corner"],
-    longitude_deg: Float[np.ndarray, " corner"],
-    benchmark_deg: tuple[float, float] | None,
-    *,
-    force: bool = False,
-) -> None:
-    """Write the benchmark and the turning points TP1, TP2, ... in the perimeter's order.
-
-    Bearings (true, clockwise from north) and distances are those of the geodesic on the ellipsoid.
-
-    Args:
-        path: path of the CSV file.
-        latitude_deg, longitude_deg: positions of the corners.
-        benchmark_deg: latitude and longitude of the benchmark; ``None``: the first turning point.
-        force: whether to replace an existing output.
-
-    Raises:
-        InputError: the output exists (without ``force``) or cannot be written.
-    """
-    ellipsoid = Geod(ellps="WGS84")
-    mark = (float(latitude_deg[0]), float(longitude_deg[0])) if benchmark_deg is None else benchmark_deg
-
-    def way(start: tuple[float, float], end: tuple[float, float]) -> tuple[str, str]:
-        bearing, _, distance_m = ellipsoid.inv(start[1], start[0], end[1], end[0])
-        told = round(float(bearing) % 360.0, _BEARING) % 360.0
-        return f"{told:.{_BEARING}f}" if distance_m > 0.0 else "", f"{distance_m:.{_METRES}f}"
-
-    corners = [(float(one), float(other)) for one, other in zip(latitude_deg, longitude_deg, strict=True)]
-    first = "BM" if benchmark_deg is not None else "BM (first turning point)"
-    rows = [[first, *_place(mark), DATUM, "", "", *way(mark, corners[0])]]
-    for number, corner in enumerate(corners):
-        following = corners[(number + 1) % len(corners)]
-        rows.append([f"TP{number + 1}", *_place(corner), DATUM, *way(mark, corner), *way(corner, following)])
-    with atomic_output(path, force) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        table = csv.writer(stream)
-        table.writerow(_COLUMNS)
-        table.writerows(rows)
-
-
-def _place(place: tuple[float, float]) -> list[str]:
-    return [f"{value:.{_DEGREES}f}" for value in place]

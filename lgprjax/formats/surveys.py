@@ -12,10 +12,16 @@ from jaxtyping import Float
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
+from lgprjax.formats.line_positions import (
+    RECEIVERS,
+    SidePositions,
+    find_side_files,
+    read_side_file,
+    strangers,
+    unread_notes,
+)
 from lgprjax.formats.plausible import IMPLAUSIBLE, left_out_in_words, lengths_disagree, path_length_m
 from lgprjax.formats.profile import Assumed, Profile, check_channel
-from lgprjax.formats.side_files import RECEIVERS, find_side_files, read_side_file, strangers, unread_notes
-from lgprjax.formats.side_positions import SidePositions
 from lgprjax.formats.survey_layout import SurveyLayout, check_fit, header_positions, lay_out, places_traces
 from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, distances_m, unused_zone, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala

@@ -1,4 +1,4 @@
-"""Waypoints of routes in files of other programs: CSV, GeoJSON, GPX."""
+"""Waypoints of routes in files of other programs (CSV, GeoJSON, GPX), and turning points of a perimeter (CSV)."""
 
 import csv
 import json
@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from jaxtyping import Float, Int
+from pyproj import Geod
 
 from lgprjax import __version__
 from lgprjax.errors import InputError
@@ -252,3 +253,65 @@ def _gpx_rows(file: Path) -> Iterable[tuple[str, list[_Row]]]:
 def _local(element: "ElementTree.Element") -> str:
     """Name of an element without its namespace."""
     return str(element.tag).rpartition("}")[2]
+
+
+# Turning points of a perimeter as a table: position, and bearing and distance to each.
+
+DATUM = "WGS 84"
+_POINT_COLUMNS = (
+    "point",
+    "latitude_deg",
+    "longitude_deg",
+    "datum",
+    "bearing_from_benchmark_deg",
+    "distance_from_benchmark_m",
+    "bearing_to_next_deg",
+    "distance_to_next_m",
+)
+# A millimetre of distance, and a bearing of equal accuracy at 100 m.
+_DEGREES, _BEARING, _METRES = 10, 4, 3
+
+
+def write_turning_points(
+    path: str | Path,
+    latitude_deg: Float[np.ndarray, " corner"],
+    longitude_deg: Float[np.ndarray, " corner"],
+    benchmark_deg: tuple[float, float] | None,
+    *,
+    force: bool = False,
+) -> None:
+    """Write the benchmark and the turning points TP1, TP2, ... in the perimeter's order.
+
+    Bearings (true, clockwise from north) and distances are those of the geodesic on the ellipsoid.
+
+    Args:
+        path: path of the CSV file.
+        latitude_deg, longitude_deg: positions of the corners.
+        benchmark_deg: latitude and longitude of the benchmark; ``None``: the first turning point.
+        force: whether to replace an existing output.
+
+    Raises:
+        InputError: the output exists (without ``force``) or cannot be written.
+    """
+    ellipsoid = Geod(ellps="WGS84")
+    mark = (float(latitude_deg[0]), float(longitude_deg[0])) if benchmark_deg is None else benchmark_deg
+
+    def way(start: tuple[float, float], end: tuple[float, float]) -> tuple[str, str]:
+        bearing, _, distance_m = ellipsoid.inv(start[1], start[0], end[1], end[0])
+        told = round(float(bearing) % 360.0, _BEARING) % 360.0
+        return f"{told:.{_BEARING}f}" if distance_m > 0.0 else "", f"{distance_m:.{_METRES}f}"
+
+    corners = [(float(one), float(other)) for one, other in zip(latitude_deg, longitude_deg, strict=True)]
+    first = "BM" if benchmark_deg is not None else "BM (first turning point)"
+    rows = [[first, *_point(mark), DATUM, "", "", *way(mark, corners[0])]]
+    for number, corner in enumerate(corners):
+        following = corners[(number + 1) % len(corners)]
+        rows.append([f"TP{number + 1}", *_point(corner), DATUM, *way(mark, corner), *way(corner, following)])
+    with atomic_output(path, force) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(_POINT_COLUMNS)
+        table.writerows(rows)
+
+
+def _point(place: tuple[float, float]) -> list[str]:
+    return [f"{value:.{_DEGREES}f}" for value in place]

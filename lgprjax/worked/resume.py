@@ -22,7 +22,7 @@ from lgprjax.coverage.resume import (
     worked_stretches,
 )
 from lgprjax.errors import InputError
-from lgprjax.formats.taken_up import TakenUp, read_taken_up
+from lgprjax.formats.coverage_files import TakenUp, read_taken_up
 from lgprjax.run_records import ToolBits
 from lgprjax.run_segment import segments_of
 from lgprjax.worked.evidence import UNCHECKED_SIGMA_M

@@ -13,8 +13,8 @@ from pynmeagps import NMEAReader
 from formats.samples import write_dt1
 from formats.side_samples import cor_row, dzg_text, gga, gps_text, rmc, sentence
 from lgprjax.formats import find_side_files, places_of_traces, read_side_file
+from lgprjax.formats.line_positions import fix_of_sentence
 from lgprjax.formats.plausible import ZEROS
-from lgprjax.formats.receiver_files import fix_of_sentence
 from refusals import refused
 
 _PLACES = np.array([[12.5, -1.25, 10.04], [12.5, -1.0, 10.03], [12.75, -0.75, 10.02]])

@@ -8,7 +8,7 @@ import pytest
 
 from drawn_field import Drive, cover_rows, drawn_plan, write_cover_run
 from lgprjax.coverage.resume import RoutePlace
-from lgprjax.formats.taken_up import read_taken_up, write_taken_up
+from lgprjax.formats.coverage_files import read_taken_up, write_taken_up
 from lgprjax.worked.plans import PlanFile
 from lgprjax.worked.record import CoverRun, record_cover
 from lgprjax.worked.resume import TAKEN_UP, last_place, runs_by_plan, take_up

@@ -10,9 +10,9 @@ from jaxtyping import Float, Int, Num, UInt32
 
 from lgprjax.errors import InputError
 from lgprjax.formats.line_layout import inputs_of, write_lines, write_positioned_lines
+from lgprjax.formats.line_positions import metres_kind
 from lgprjax.formats.plausible import ASTRAY, left_out_in_words, plausible_places, plausible_positions
 from lgprjax.formats.profile import Profile, TraceCoordinates, count_traces, read_bytes
-from lgprjax.formats.side_positions import metres_kind
 from lgprjax.formats.survey_track import (
     UNUSED_PLACE,
     SurveyOrigin,

@@ -19,8 +19,7 @@ from lgprjax.coverage.resume import Resumption, RoutePlace, resume_place, route_
 from lgprjax.errors import InputError
 from lgprjax.files import file_hash
 from lgprjax.formats import VehicleFile, read_vehicle
-from lgprjax.formats.coverage_files import read_cover_plan
-from lgprjax.formats.taken_up import TakenUp, read_taken_up
+from lgprjax.formats.coverage_files import TakenUp, read_cover_plan, read_taken_up
 from lgprjax.frames import LocalFrame
 from lgprjax.recordings.vehicles import carrot_of, machine_of, skid_setup_of
 from lgprjax.runtime.config import RuntimeConfig
