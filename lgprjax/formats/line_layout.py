@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from lgprjax.errors import ArgumentError, InputError
-from lgprjax.formats.drive import DriveDescription, DriveWriter, OdometryTrack, TraceRecording
+from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.profile import Assumed, Profile
 from lgprjax.formats.survey_track import (
     CLOCK_ASSUMED,
@@ -36,8 +36,8 @@ _LARGEST_STEP_M = 10.0
 def write_lines(
     lines: Sequence[Profile],
     *,
-    left_m: Float[np.ndarray, " line"],
-    forward_m: Float[np.ndarray, " line"],
+    left_m: Float[np.ndarray, " line"] | None = None,
+    forward_m: Float[np.ndarray, " line"] | None = None,
     place: SurveyOrigin,
     output: str | Path,
     provenance: dict[str, object],
@@ -50,7 +50,7 @@ def write_lines(
 
     Args:
         lines: the lines, leftmost first.
-        left_m, forward_m: place of each line's antenna in the body frame.
+        left_m, forward_m: place of each line's antenna in the body frame, m; ``None``: on the axis, at the origin.
         place: origin and direction.
         output: path of the drive log.
         provenance: provenance of the drive log; the resampling of the lines is added.
@@ -99,19 +99,18 @@ def write_lines(
         **TRACK_ASSUMED,
         **assumed,
     }
-    frequencies = [line.centre_frequency_hz for line in lines if line.centre_frequency_hz is not None]
-    description = DriveDescription(
-        name=Path(output).name.split(".")[0],
-        # The vendors' clocks are not UTC: the epoch means that the time is unknown.
-        t0_utc="1970-01-01T00:00:00Z",
-        array=ArrayGeometry(forward_m, left_m, np.zeros(len(lines)), 0.0),
-        recording=TraceRecording(
-            lines[0].sample_interval_ns, time_zero_ns, 0.0, frequencies[0] if frequencies else None, traces.shape[2]
+    middle = np.zeros(len(lines))
+    _write(
+        lines,
+        traces,
+        valid,
+        time_zero_ns=time_zero_ns,
+        array=ArrayGeometry(
+            middle if forward_m is None else forward_m, middle if left_m is None else left_m, middle, 0.0
         ),
         navigation=straight_track(scan_m, place, time_s),
-        odometry=OdometryTrack(time_s, travel_m),
-        truth=None,
-        vehicle=None,
+        travel_m=travel_m,
+        output=output,
         provenance=provenance
         | {
             "length_m": length_m,
@@ -119,10 +118,41 @@ def write_lines(
             "assumed": whole,
             "line_time_zero_ns": [line.time_zero_ns for line in lines],
         },
+        force=force,
     )
-    with DriveWriter.create(output, description, channels=len(lines), dtype=traces.dtype, force=force) as writer:
-        writer.append(time_s, traces, valid)
     return whole
+
+
+def _write(
+    lines: Sequence[Profile],
+    traces: Num[np.ndarray, "scan channel sample"],
+    valid: Bool[np.ndarray, "scan channel"] | None,
+    *,
+    time_zero_ns: float,
+    array: ArrayGeometry,
+    navigation: NavigationTrack,
+    travel_m: Float[np.ndarray, " scan"],
+    output: str | Path,
+    provenance: dict[str, object],
+    force: bool,
+) -> None:
+    """Write traces of lines as a drive; the vendors' clocks are not UTC: the epoch means that the time is unknown."""
+    frequencies = [line.centre_frequency_hz for line in lines if line.centre_frequency_hz is not None]
+    description = DriveDescription(
+        name=Path(output).name.split(".")[0],
+        t0_utc="1970-01-01T00:00:00Z",
+        array=array,
+        recording=TraceRecording(
+            lines[0].sample_interval_ns, time_zero_ns, 0.0, frequencies[0] if frequencies else None, traces.shape[2]
+        ),
+        navigation=navigation,
+        odometry=OdometryTrack(navigation.time_s, travel_m),
+        truth=None,
+        vehicle=None,
+        provenance=provenance,
+    )
+    with DriveWriter.create(output, description, channels=traces.shape[1], dtype=traces.dtype, force=force) as writer:
+        writer.append(navigation.time_s, traces, valid)
 
 
 def inputs_of(paths: Sequence[str | Path]) -> list[dict[str, str]]:
@@ -286,7 +316,6 @@ def write_positioned_lines(
     *,
     latitude_deg: Sequence[Float[np.ndarray, " _"]],
     longitude_deg: Sequence[Float[np.ndarray, " _"]],
-    height_m: Sequence[Float[np.ndarray, " _"]] | None,
     travel_m: Sequence[Float[np.ndarray, " _"]],
     output: str | Path,
     provenance: dict[str, object],
@@ -297,7 +326,7 @@ def write_positioned_lines(
 
     Args:
         lines: lines in the order of driving.
-        latitude_deg, longitude_deg, height_m: WGS-84 positions of the traces.
+        latitude_deg, longitude_deg: WGS-84 positions of the traces.
         travel_m: travel of the traces along their line, never falling.
         output: path of the drive log.
         provenance: provenance of the drive log.
@@ -328,33 +357,23 @@ def write_positioned_lines(
     time_s = np.concatenate(times)
     time_zero_ns = float(np.median([line.time_zero_ns for line in lines]))
     channels = np.concatenate([at_time_zero(line, time_zero_ns) for line in lines])[:, None, :]
-    frequencies = [line.centre_frequency_hz for line in lines if line.centre_frequency_hz is not None]
-    whole: Assumed = {**CLOCK_ASSUMED, "heading": "along the path", **TRACK_ASSUMED, **assumed}
-    if height_m is None:
-        whole["height"] = "taken as 0"
-    description = DriveDescription(
-        name=Path(output).name.split(".")[0],
-        t0_utc="1970-01-01T00:00:00Z",  # the moment is not known
+    whole: Assumed = {
+        **CLOCK_ASSUMED,
+        "heading": "along the path",
+        **TRACK_ASSUMED,
+        **assumed,
+        "height": "taken as 0",
+    }
+    _write(
+        lines,
+        channels,
+        None,
+        time_zero_ns=time_zero_ns,
         array=ArrayGeometry(np.zeros(1), np.zeros(1), np.zeros(1), 0.0),
-        recording=TraceRecording(
-            lines[0].sample_interval_ns,
-            time_zero_ns,
-            0.0,
-            frequencies[0] if frequencies else None,
-            channels.shape[2],
-        ),
-        navigation=track(
-            time_s,
-            np.concatenate(latitude_deg),
-            np.concatenate(longitude_deg),
-            np.concatenate(headings),
-            None if height_m is None else np.concatenate(height_m),
-        ),
-        odometry=OdometryTrack(time_s, np.concatenate(travels)),
-        truth=None,
-        vehicle=None,
+        navigation=track(time_s, np.concatenate(latitude_deg), np.concatenate(longitude_deg), np.concatenate(headings)),
+        travel_m=np.concatenate(travels),
+        output=output,
         provenance=provenance | {"assumed": whole},
+        force=force,
     )
-    with DriveWriter.create(output, description, channels=1, dtype=channels.dtype, force=force) as writer:
-        writer.append(time_s, channels)
     return whole

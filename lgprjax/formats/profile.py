@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -65,6 +65,26 @@ class Profile:
     def traces(self) -> Num[np.ndarray, "trace sample"]:
         """Traces of the first channel, the only one of most files."""
         return self.channels[:, 0, :]
+
+    @property
+    def usual_step_m(self) -> float:
+        """The header's spacing; of uneven positions the median step, 0 if there are none."""
+        if self.spacing_m is not None or self.positions_m is None:
+            return self.spacing_m or 0.0
+        return float(np.median(np.abs(np.diff(self.positions_m))))
+
+    def length_m(self, first: int, last: int) -> float:
+        """Length between two traces by the header; 0 if it states none."""
+        if self.spacing_m is not None or self.positions_m is None:
+            return (self.spacing_m or 0.0) * (last - first)
+        return float(np.sum(np.abs(np.diff(self.positions_m[first : last + 1]))))
+
+    def by_channel(self) -> "list[Profile]":
+        """Each channel as a separate line."""
+        return [
+            replace(self, channels=self.channels[:, c : c + 1], left_m=None, forward_m=None)
+            for c in range(self.channels.shape[1])
+        ]
 
 
 def read_bytes(path: Path) -> bytes:

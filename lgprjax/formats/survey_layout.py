@@ -26,6 +26,13 @@ _ROWS_BEYOND = 0.1
 _GEOD = pyproj.Geod(ellps="WGS84")
 
 
+class SurveyLine(NamedTuple):
+    """A line and its positions, from a file next to it or from its header; ``None`` without any."""
+
+    profile: Profile
+    side: SidePositions | None
+
+
 class SurveyLayout(NamedTuple):
     """Layout of lines.
 
@@ -49,8 +56,7 @@ class SurveyLayout(NamedTuple):
 
 
 def lay_out(
-    lines: Sequence[Profile],
-    beside: Sequence[SidePositions | None],
+    survey: Sequence[SurveyLine],
     right_m: Float[np.ndarray, " line"] | None,
     place: SurveyOrigin,
     utm_zone: str | None,
@@ -58,8 +64,7 @@ def lay_out(
     """Lay out lines by the best information available for all of them.
 
     Args:
-        lines: lines of the survey.
-        beside: side positions of each line.
+        survey: lines with their positions.
         right_m: position of each line to the right of the origin, if measured by tape.
         place: origin and direction given by the user, or defaults.
         utm_zone: zone of positions in metres of a UTM grid.
@@ -68,17 +73,16 @@ def lay_out(
         InputError: there are several lines without any positions, or positions are invalid.
     """
     assumed = bool(place.assumed())
-    beside = [
-        side if side is None or places_traces(line, side) else None for line, side in zip(lines, beside, strict=True)
-    ]
-    known = [side for side in beside if side is not None]
+    lines = [line for line, _ in survey]
+    placing = [None if side is None or not places_traces(line, side) else side for line, side in survey]
+    known = [side for side in placing if side is not None]
     whole = len(known) == len(lines)
     if right_m is not None:
         along = _along_rows(known) if whole and _all_of(known, _SURVEYED) else None
         return SurveyLayout("tape", place, assumed, -right_m, along, None)
     if not whole:
         if len(lines) > 1:
-            bare = next(line for line, side in zip(lines, beside, strict=True) if side is None)
+            bare = next(line for line, side in zip(lines, placing, strict=True) if side is None)
             expected = "a position file for every line, or --line-spacing-m or --lines-at-m"
             of_header = bare.metadata.get("coordinates")
             found = "none" if of_header is None else f"none (coordinates: {of_header})"
@@ -158,7 +162,7 @@ def check_fit(line: Profile, side: SidePositions) -> None:
         return
     if about_as_many(len(side.x), traces, cut=cut):
         return
-    points_m, length_m = float(np.max(side.x)), _usual_step_m(line) * (traces - 1)
+    points_m, length_m = float(np.max(side.x)), line.usual_step_m * (traces - 1)
     if side.kind != "along metres" or len(side.x) > traces:
         expected = f"one for each of the {traces} traces of {line.path.name}"
         raise InputError(side.path, "rows", expected, f"{len(side.x)} rows{another}")
@@ -253,7 +257,7 @@ def _receiver_path(
 ) -> tuple[Float[np.ndarray, " trace"], Float[np.ndarray, " trace"]]:
     """Latitude and longitude of a line's traces, averaged along it."""
     found = places_of_traces(side, len(line.channels))
-    spacing_m = _usual_step_m(line)
+    spacing_m = line.usual_step_m
     half = int(0.5 * _SMOOTHED_M / spacing_m) if spacing_m else 0
     # Before the first fix there is no value to unwrap from.
     longitude, known = found.x.copy(), np.isfinite(found.x)
@@ -280,7 +284,7 @@ def _filled(
     index = np.arange(len(east_m), dtype=np.float64)
     step = np.array([np.polyfit(index[known], values[known], 1)[0] for values in (east_m, north_m)])
     length_m = float(np.hypot(*step))
-    usual_m = _usual_step_m(line)
+    usual_m = line.usual_step_m
     if usual_m and length_m > 0.0 and abs(length_m / usual_m - 1.0) > _OTHER_STEP:
         step *= usual_m / length_m
     low, high = known[0], known[-1]
@@ -289,13 +293,6 @@ def _filled(
         filled = np.where(index < low, values[low] + each_m * (index - low), values)
         out.append(np.where(index > high, values[high] + each_m * (index - high), filled))
     return out[0], out[1]
-
-
-def _usual_step_m(line: Profile) -> float:
-    """The header's spacing; of uneven positions the step of most traces, 0 if there are none."""
-    if line.spacing_m is not None or line.positions_m is None:
-        return line.spacing_m or 0.0
-    return float(np.median(np.abs(np.diff(line.positions_m))))
 
 
 def _averaged(values: Float[np.ndarray, " trace"], half: int) -> Float[np.ndarray, " trace"]:

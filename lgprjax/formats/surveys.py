@@ -1,16 +1,21 @@
-"""Parallel lines of a survey, or an array's files, as one drive log."""
+"""Lines of a survey, or an array's files, as one drive log.
+
+The steps: files are read as lines, positions are found for every line (``line_positions``), lines are laid out
+(``survey_layout``), their time zeros, signs, directions and starts are estimated (``line_findings``), and the drive is
+written (``line_layout``).
+"""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from lgprjax.errors import ArgumentError, InputError
-from lgprjax.formats.line_findings import LineFinding, Reversed, TimeZero, find_lines
+from lgprjax.formats.line_findings import FoundLine, LineFinding, Reversed, TimeZero, find_lines
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
 from lgprjax.formats.line_positions import (
     RECEIVERS,
@@ -22,7 +27,7 @@ from lgprjax.formats.line_positions import (
 )
 from lgprjax.formats.plausible import IMPLAUSIBLE, left_out_in_words, lengths_disagree, path_length_m
 from lgprjax.formats.profile import Assumed, Profile, check_channel
-from lgprjax.formats.survey_layout import SurveyLayout, check_fit, header_positions, lay_out, places_traces
+from lgprjax.formats.survey_layout import SurveyLayout, SurveyLine, check_fit, header_positions, lay_out, places_traces
 from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, distances_m, unused_zone, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import SampleFormat, read_segy
@@ -41,19 +46,39 @@ READERS = {
 }
 
 
-def read_profile(path: str | Path, *, channel: int | None = None, partial: bool = False) -> Profile:
-    """Read a vendor's file by its suffix, one of ``READERS``; only one channel, or with ``partial`` its intact part.
+def read_profile(
+    path: str | Path,
+    *,
+    channel: int | None = None,
+    sample_interval_ns: float | None = None,
+    sample_format: SampleFormat | None = None,
+    partial: bool = False,
+) -> Profile:
+    """Read a vendor's file by its suffix, one of ``READERS``.
 
-    Raises ``InputError``.
+    Args:
+        path: path of the file.
+        channel: only channel to read, from 0.
+        sample_interval_ns, sample_format: of SEG-Y only, see ``read_segy``.
+        partial: whether to read the intact part of a truncated file.
+
+    Raises:
+        InputError: the file cannot be read, or is not of a format that has these options.
     """
-    reader = READERS.get(Path(path).suffix.lower())
-    if reader is read_dzt:
-        return read_dzt(path, channel=channel, partial=partial)
+    suffix = Path(path).suffix
+    reader = READERS.get(suffix.lower())
+    if (sample_interval_ns is not None or sample_format is not None) and reader is not read_segy:
+        expected = "SEG-Y (the only format with --sample-interval-ns and --sample-format)"
+        raise InputError(path, "file name", expected, repr(suffix))
     if reader is None and Path(path).is_dir():
         raise InputError(path, "file", "a recording", "a folder")
     if reader is None:
-        raise InputError(path, "file name", "a suffix among " + ", ".join(READERS), repr(Path(path).suffix))
+        raise InputError(path, "file name", "a suffix among " + ", ".join(READERS), repr(suffix))
+    if reader is read_dzt:
+        return read_dzt(path, channel=channel, partial=partial)
     check_channel(Path(path), channel, channels=1)
+    if reader is read_segy:
+        return read_segy(path, sample_interval_ns=sample_interval_ns, sample_format=sample_format, partial=partial)
     return reader(path, partial=partial)
 
 
@@ -127,16 +152,15 @@ def import_lines(
     """
     if utm_zone is not None:
         utm_projection(utm_zone)  # a wrong zone is refused where nothing needs one, too
-    _check_once(paths)
-    lines = [_read(path, channel, sample_interval_ns, sample_format, partial) for path in paths]
-    if not lines:
-        raise InputError(output, "lines", "at least one file", "none")
-    taped = line_spacing_m is not None or lines_at_m is not None
-    for line in lines:
-        _check_channels(line, alone=len(lines) == 1 and taped)
-    if len(lines) == 1:
-        lines = _channels(lines[0])
     place = SurveyOrigin(latitude_deg, longitude_deg, heading_deg)
+    taped = line_spacing_m is not None or lines_at_m is not None
+    reading: dict[str, Any] = {
+        "channel": channel,
+        "sample_interval_ns": sample_interval_ns,
+        "sample_format": sample_format,
+        "partial": partial,
+    }
+    lines = _read_lines(paths, reading, output, taped=taped)
     place.check()
     check_length(length_m)
     check_alike(lines)
@@ -144,31 +168,19 @@ def import_lines(
         bad = next(i for i in reversed_lines if not 0 <= i < len(lines))
         raise ArgumentError("reversed_lines", f"numbers from 0 to {len(lines) - 1}", str(bad))
     right_m = _tape(len(lines), line_spacing_m, lines_at_m, first_line_m)
-    taped = right_m is not None
-    beside: list[SidePositions | None] = [None] * len(lines)
-    unusable: list[InputError] = []
-    for i, line in enumerate(lines if length_m is None else ()):
-        beside[i], refused = _positions_beside(line, surveyed=taped)
-        unusable += refused
-        # Without them the line has no place at all.
-        if refused and beside[i] is None and not taped and (len(lines) > 1 or line.positions_m is None):
-            raise refused[0]
-    if not taped and length_m is None:
-        lines, beside = _by_their_headers(lines, beside)
-    lines, beside, lengths = _with_believed_lengths(lines, beside, length_m)
-    layout = lay_out(lines, beside, right_m, place, utm_zone)
-    useless = [
-        f"{Path(error.file).name}: not used: {error.place}: expected {error.expected}, found {error.found}"
-        for error in unusable
-    ]
-    notes = (*useless, *lengths, *_notes(lines, beside, layout, place, utm_zone, length_m))
+    if length_m is None:
+        survey, unusable = _with_positions(lines, surveyed=taped)
+    else:
+        survey, unusable = [SurveyLine(line, None) for line in lines], []
+    survey, lengths = _with_believed_lengths(survey, length_m)
+    layout = lay_out(survey, right_m, place, utm_zone)
+    notes = (*unusable, *lengths, *_notes(survey, layout, place, utm_zone, length_m))
     # From left to right, so that neighbours are compared; lines driven one by one keep their order.
     order = np.argsort(-layout.left_m, kind="stable")
-    lines = [lines[i] for i in order]
     if not isinstance(reversed_lines, str):
         reversed_lines = [int(np.flatnonzero(order == i)[0]) for i in reversed_lines]
     found = find_lines(
-        lines,
+        [survey[i].profile for i in order],
         time_zero=time_zero,
         polarity=polarity,
         reversed_lines=reversed_lines,
@@ -177,39 +189,37 @@ def import_lines(
         topography_from="header" if layout.source == "header" else "topography",
         on_earth_by=None if layout.on_earth is None else layout.source,
     )
-    assumed: Assumed = place.assumed() if layout.place_assumed else {}
-    if layout.on_earth is None and all(line.finding.direction_from in ("assumed", "neighbours") for line in found):
-        assumed["direction"] = "as stored"
     provenance: dict[str, object] = {
         "made_by": "lgprjax import lines",
         "inputs": inputs_of(paths),
         "positions_from": layout.source,
         "lines": [line.finding.as_record() for line in found],
-        "readings": {line.path.name: line.metadata["reading"] for line in lines if "reading" in line.metadata},
-        "beside": [{"file": side.path.name, "kind": side.kind, **side.counts} for side in beside if side is not None],
+        "readings": {
+            line.path.name: line.metadata["reading"]
+            for line in (survey[i].profile for i in order)
+            if "reading" in line.metadata
+        },
+        "beside": [
+            {"file": side.path.name, "kind": side.kind, **side.counts} for _, side in survey if side is not None
+        ],
     }
+    assumed = _assumed(found, layout, place, utm_zone)
+    profiles = [line.profile for line in found]
     if layout.on_earth is not None:
         assumed = write_positioned_lines(
-            [line.profile for line in found],
+            profiles,
             latitude_deg=[latitude for latitude, _ in layout.on_earth],
             longitude_deg=[longitude for _, longitude in layout.on_earth],
-            height_m=None,
             travel_m=[line.along_m - line.along_m[0] for line in found],
             output=output,
             provenance=provenance,
-            assumed={"odometry": "trace spacing or positions of the header", **assumed},
+            assumed=assumed,
             force=force,
         )
     else:
-        if layout.along_m is not None:
-            assumed["odometry"] = f"along the {_OF_SOURCE.get(layout.source, 'topography')}"
-        if layout.source in _OF_SOURCE and layout.along_m is not None:
-            metres = "the site's own metres" if layout.place[:2] == place[:2] else f"metres of UTM zone {utm_zone}"
-            assumed["position"] = f"from the {_OF_SOURCE[layout.source]}, in {metres}"
         assumed = write_lines(
-            [line.profile for line in found],
+            profiles,
             left_m=layout.left_m[order],
-            forward_m=np.zeros(len(lines)),
             place=layout.place,
             output=output,
             provenance=provenance,
@@ -219,6 +229,21 @@ def import_lines(
             force=force,
         )
     return Survey(tuple(line.finding for line in found), layout.source, assumed, notes)
+
+
+def _assumed(found: Sequence[FoundLine], layout: SurveyLayout, place: SurveyOrigin, utm_zone: str | None) -> Assumed:
+    """Assumptions about quantities that neither a file nor the user states."""
+    assumed: Assumed = place.assumed() if layout.place_assumed else {}
+    if layout.on_earth is not None:
+        return {"odometry": "trace spacing or positions of the header", **assumed}
+    if all(line.finding.direction_from in ("assumed", "neighbours") for line in found):
+        assumed["direction"] = "as stored"
+    if layout.along_m is not None:
+        assumed["odometry"] = f"along the {_OF_SOURCE.get(layout.source, 'topography')}"
+        if layout.source in _OF_SOURCE:
+            metres = "the site's own metres" if layout.place[:2] == place[:2] else f"metres of UTM zone {utm_zone}"
+            assumed["position"] = f"from the {_OF_SOURCE[layout.source]}, in {metres}"
+    return assumed
 
 
 _OF_SOURCE = {"topography": "topography", "header": "coordinates of the headers"}
@@ -253,11 +278,10 @@ def import_iprb(
         InputError: a file cannot be read, or the channels do not belong together.
     """
     array = read_iprb_array(paths, partial=partial)
-    lines = _channels(array)
     write_lines(
-        lines,
-        left_m=np.zeros(1) if array.left_m is None else array.left_m,
-        forward_m=np.zeros(1) if array.forward_m is None else array.forward_m,
+        array.by_channel(),
+        left_m=array.left_m,
+        forward_m=array.forward_m,
         place=place,
         output=output,
         provenance={"made_by": "lgprjax import iprb", "inputs": inputs_of(paths), "header": array.metadata},
@@ -268,55 +292,73 @@ def import_iprb(
     return array.cut
 
 
-def _read(
-    path: str | Path,
-    channel: int | None,
-    sample_interval_ns: float | None,
-    sample_format: SampleFormat | None,
-    partial: bool,
-) -> Profile:
-    if sample_interval_ns is None and sample_format is None:
-        return read_profile(path, channel=channel, partial=partial)
-    if READERS.get(Path(path).suffix.lower()) is not read_segy:
-        expected = "SEG-Y (the only format with --sample-interval-ns and --sample-format)"
-        raise InputError(path, "file name", expected, repr(Path(path).suffix))
-    check_channel(Path(path), channel, channels=1)
-    return read_segy(path, sample_interval_ns=sample_interval_ns, sample_format=sample_format, partial=partial)
+def _read_lines(
+    paths: Sequence[str | Path], reading: Mapping[str, Any], output: str | Path, *, taped: bool
+) -> list[Profile]:
+    """The lines of some files. Several channels of one file are lines only if placed by tape: of two antennas in one
+    place, one is chosen.
 
-
-def _check_channels(line: Profile, *, alone: bool) -> None:
-    """Raise ``InputError`` for several channels in one file, unless they are lines placed by tape: of two antennas in
-    one place, one is chosen.
+    Raises:
+        InputError: a file is given twice or cannot be read, or none is given.
     """
-    channels = line.channels.shape[1]
-    if channels > 1 and not alone:
-        names = line.metadata.get("antennas")
-        antennas = f" ({', '.join(map(repr, names))})" if isinstance(names, tuple) and any(names) else ""
-        expected = "--channel for one of them (side by side: one file, lgprjax import lines --line-spacing-m)"
-        raise InputError(line.path, "channels", expected, f"{channels}{antennas}")
-
-
-def _check_once(paths: Sequence[str | Path]) -> None:
-    """Raise ``InputError`` for a file that is given twice."""
     seen: set[Path] = set()
     for path in map(Path, paths):
         if path.resolve() in seen:
             raise InputError(path, "lines", "each file once", "this file twice")
         seen.add(path.resolve())
+    lines = [read_profile(path, **reading) for path in paths]
+    if not lines:
+        raise InputError(output, "lines", "at least one file", "none")
+    if len(lines) == 1 and taped:
+        return lines[0].by_channel()
+    for line in lines:
+        if (channels := line.channels.shape[1]) > 1:
+            names = line.metadata.get("antennas")
+            antennas = f" ({', '.join(map(repr, names))})" if isinstance(names, tuple) and any(names) else ""
+            expected = "--channel for one of them (side by side: one file, lgprjax import lines --line-spacing-m)"
+            raise InputError(line.path, "channels", expected, f"{channels}{antennas}")
+    return lines
 
 
-def _by_their_headers(
-    lines: list[Profile], beside: list[SidePositions | None]
-) -> tuple[list[Profile], list[SidePositions | None]]:
-    """Lines without side positions on the coordinates of their headers; metres of the site place several lines only."""
-    placed = [header_positions(line) if side is None else None for line, side in zip(lines, beside, strict=True)]
+def _with_positions(lines: Sequence[Profile], *, surveyed: bool) -> tuple[list[SurveyLine], list[str]]:
+    """Lines with the positions next to them, else in their headers; and notes on files that are no use.
+
+    These are those of a line's topography, else a receiver's; of lines placed by tape, surveyed ones only. Metres of
+    the site in headers place several lines only.
+    """
+    survey, notes = [], []
+    for line in lines:
+        side, refused = None, list[InputError]()
+        for file in find_side_files(line.path):
+            if surveyed and file.suffix.lower() in RECEIVERS:
+                continue
+            try:
+                found = read_side_file(file)
+                check_fit(line, found)
+            except InputError as error:
+                refused.append(error)
+            else:
+                side = found
+                break
+        # Without them the line has no place at all.
+        if refused and side is None and not surveyed and (len(lines) > 1 or line.positions_m is None):
+            raise refused[0]
+        survey.append(SurveyLine(line, side))
+        notes += [
+            f"{Path(each.file).name}: not used: {each.place}: expected {each.expected}, found {each.found}"
+            for each in refused
+        ]
+    if surveyed:
+        return survey, notes
+    placed = [header_positions(line) if side is None else None for line, side in survey]
     if len(lines) == 1 and placed[0] is not None and placed[0].kind == "local metres":
-        return lines, beside
-    moved = [
-        line if side is None else replace(line, spacing_m=None, positions_m=_path_m(side))
-        for line, side in zip(lines, placed, strict=True)
-    ]
-    return moved, [side or other for side, other in zip(beside, placed, strict=True)]
+        return survey, notes
+    return [
+        each
+        if header is None
+        else SurveyLine(replace(each.profile, spacing_m=None, positions_m=_path_m(header)), header)
+        for each, header in zip(survey, placed, strict=True)
+    ], notes
 
 
 def _path_m(side: SidePositions) -> Float[np.ndarray, " trace"]:
@@ -326,21 +368,21 @@ def _path_m(side: SidePositions) -> Float[np.ndarray, " trace"]:
 
 
 def _notes(
-    lines: Sequence[Profile],
-    beside: Sequence[SidePositions | None],
+    survey: Sequence[SurveyLine],
     layout: SurveyLayout,
     place: SurveyOrigin,
     utm_zone: str | None,
     length_m: float | None,
 ) -> tuple[str, ...]:
     """Notes on unused and suspicious input."""
+    lines = [line for line, _ in survey]
     notes = list(dict.fromkeys(note for line in lines for note in line.notes))
     files = dict.fromkeys(line.path for line in lines)
     if length_m is not None:
         unused = [file for path in files for file in find_side_files(path)]
         notes += _of_files(unused, "not used: the given length positions the traces")
     notes += _of_files([file for path in files for file in unread_notes(path)], "not read: not a topography file")
-    sides = [(line, side) for line, side in zip(lines, beside, strict=True) if side is not None]
+    sides = [(line, side) for line, side in survey if side is not None]
     if not sides:
         first_file = next(iter(files))
         notes += _of_files(
@@ -364,7 +406,7 @@ def _notes(
         list(dict.fromkeys(points)), "not used for positions: it has fewer points than traces (heights only)"
     )
     for (line, _), rows in zip(sides, layout.along_m, strict=True) if layout.along_m is not None else ():
-        header_m, rows_m = _header_m(line, 0, len(line.channels) - 1), float(abs(rows[-1] - rows[0]))
+        header_m, rows_m = line.length_m(0, len(line.channels) - 1), float(abs(rows[-1] - rows[0]))
         if lengths_disagree(header_m, rows_m):
             said = f"the header says {header_m:.2f} m, the topography {rows_m:.2f} m: the topography is used"
             notes.append(f"{line.path.name}: {said}")
@@ -421,48 +463,27 @@ def _tape(
     return first_line_m + np.arange(lines) * line_spacing_m
 
 
-def _positions_beside(line: Profile, *, surveyed: bool) -> tuple[SidePositions | None, list[InputError]]:
-    """Side positions of a line, and why files before them are no use.
-
-    These are those of its topography, else a receiver's, unless only surveyed ones are allowed.
-    """
-    unusable: list[InputError] = []
-    for file in find_side_files(line.path):
-        if surveyed and file.suffix.lower() in RECEIVERS:
-            continue
-        try:
-            side = read_side_file(file)
-            check_fit(line, side)
-        except InputError as error:
-            unusable.append(error)
-        else:
-            return side, unusable
-    return None, unusable
-
-
 _FIX_SIGMA_M = {4: 0.05, 5: 0.5, 2: 2.0}
 """Sigma of a receiver's positions by their quality as in GGA; 5 m for any other, or where it is not stated."""
 _SURE_SIGMAS = 4.0
 
 
-def _with_believed_lengths(
-    lines: list[Profile], beside: list[SidePositions | None], length_m: float | None
-) -> tuple[list[Profile], list[SidePositions | None], list[str]]:
-    """Lines with the length of the more reliable source, their usable side positions, and notes on disagreements.
+def _with_believed_lengths(survey: Sequence[SurveyLine], length_m: float | None) -> tuple[list[SurveyLine], list[str]]:
+    """Lines with the length of the more reliable source and usable positions, and notes on disagreements.
 
     A receiver is preferred to a header if their difference is far beyond its noise, because spacings are typed in by
     hand. A receiver at standstill while the header's traces continue is not used.
     """
-    lines, beside, notes = list(lines), list(beside), []
-    for i, (line, side) in enumerate(zip(lines, beside, strict=True)):
-        name, header_m = line.path.name, _header_m(line, 0, len(line.channels) - 1)
+    believed, notes = list(survey), []
+    for i, (line, side) in enumerate(survey):
+        name, header_m = line.path.name, line.length_m(0, len(line.channels) - 1)
         if length_m is not None and lengths_disagree(header_m, length_m):
             notes.append(f"{name}: the header says {header_m:.2f} m, the given length is {length_m:.2f} m: it is used")
         if side is None or side.kind != "degrees" or not side.numbered or side.path == line.path:
             continue
         own = side.trace < len(line.channels)
         first, last = (int(side.trace[own][end]) for end in (0, -1))
-        header_m = _header_m(line, first, last)
+        header_m = line.length_m(first, last)
         quality = np.nan if side.quality is None else float(np.median(side.quality[own]))
         sigma_m = _FIX_SIGMA_M.get(int(np.nan_to_num(quality)), 5.0)
         receiver_m = path_length_m(side.y[own], side.x[own], 10.0 * sigma_m)
@@ -470,31 +491,17 @@ def _with_believed_lengths(
         if not lengths_disagree(header_m, receiver_m) or abs(receiver_m - header_m) < sure_m:
             continue
         if receiver_m < sure_m:
-            beside[i] = None
+            believed[i] = SurveyLine(line, None)
             used = "the header is used, the receiver stood still"
         else:
             scale = receiver_m / header_m
-            lines[i] = replace(
+            scaled = replace(
                 line,
                 spacing_m=None if line.spacing_m is None else line.spacing_m * scale,
                 positions_m=None if line.positions_m is None else line.positions_m * scale,
             )
+            believed[i] = SurveyLine(scaled, side)
             used = f"the receiver is used, all spacings times {scale:.4g}"
         traces = f"from trace {first} to {last}"
         notes.append(f"{name}: {traces} the header says {header_m:.2f} m, {side.path.name} {receiver_m:.2f} m: {used}")
-    return lines, beside, notes
-
-
-def _header_m(line: Profile, first: int, last: int) -> float:
-    """Length between two traces by the header; 0 if it states none."""
-    if line.spacing_m is not None or line.positions_m is None:
-        return (line.spacing_m or 0.0) * (last - first)
-    return float(np.sum(np.abs(np.diff(line.positions_m[first : last + 1]))))
-
-
-def _channels(profile: Profile) -> list[Profile]:
-    """Each channel as a separate line."""
-    return [
-        replace(profile, channels=profile.channels[:, c : c + 1], left_m=None, forward_m=None)
-        for c in range(profile.channels.shape[1])
-    ]
+    return believed, notes

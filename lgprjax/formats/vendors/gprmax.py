@@ -296,8 +296,6 @@ def import_gprmax(
     }
     write_lines(
         [profile],
-        left_m=np.zeros(1),
-        forward_m=np.zeros(1),
         place=place.ahead(float(profile.positions_m[0])),
         output=output,
         provenance=provenance,

@@ -417,7 +417,6 @@ def import_segy(
             [profile],
             latitude_deg=[latitude_deg],
             longitude_deg=[longitude_deg],
-            height_m=None,
             travel_m=[travelled.distance_m],
             output=output,
             provenance=provenance,
@@ -427,8 +426,6 @@ def import_segy(
         return (*notes, *([] if place.assumed() else [UNUSED_PLACE]))
     write_lines(
         [profile],
-        left_m=np.zeros(1),
-        forward_m=np.zeros(1),
         place=place,
         output=output,
         provenance=provenance,
