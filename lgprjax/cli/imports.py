@@ -398,40 +398,25 @@ class _FoundInTraces:
     origin: Origin = field(default_factory=Origin)
     force: Force = False
 
-    def _import(
-        self,
-        files: tuple[Path, ...],
-        *,
-        polarity: Literal["auto", "keep"] = "keep",
-        line_spacing_m: float | None = None,
-        lines_at_m: tuple[float, ...] | None = None,
-        first_line_m: float = 0.0,
-        channel: int | None = None,
-        sample_interval_ns: float | None = None,
-        sample_format: Literal["ibm", "ieee"] | None = None,
-    ) -> None:
+    def _import(self, files: tuple[Path, ...], *, polarity: Literal["auto", "keep"] = "keep", **own: Any) -> None:
+        """Import, with the options that only one command has, by their names in ``import_lines``."""
         from lgprjax.formats import import_lines
 
         with working(f"importing {len(files)} file(s)"):
             survey = import_lines(
                 files,
                 output=self.output,
-                line_spacing_m=line_spacing_m,
-                lines_at_m=lines_at_m,
-                first_line_m=first_line_m,
                 length_m=self.length_m,
                 time_zero=self.time_zero if self.time_zero_ns is None else self.time_zero_ns,
                 polarity=polarity,
                 reversed_lines=self.reversed_lines,
-                channel=channel,
-                sample_interval_ns=sample_interval_ns,
-                sample_format=sample_format,
                 utm_zone=self.utm_zone,
                 partial=self.partial,
                 latitude_deg=self.origin.latitude_deg,
                 longitude_deg=self.origin.longitude_deg,
                 heading_deg=self.origin.heading_deg,
                 force=self.force,
+                **own,
             )
         print_survey(survey)
         finished(self)
@@ -447,15 +432,12 @@ class ImportLine(_FoundInTraces):
 
     def run(self) -> None:
         """Import."""
-        self._import_one()
-
-    def _import_one(self, channel: int | None = None) -> None:
         if self.file.is_dir():
             raise InputError(self.file, "file", "a recording", "a folder")
         if self.file.suffix.lower() not in self.suffixes:
             expected = f"a name that ends in {' or '.join(self.suffixes)} (lgprjax import FILE recognises the format)"
             raise InputError(self.file, "file name", expected, repr(self.file.name))
-        self._import((self.file,), channel=channel)
+        self._import((self.file,), channel=getattr(self, "channel", None))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -472,10 +454,6 @@ class ImportDzt(ImportLine):
     suffixes: ClassVar[tuple[str, ...]] = (".dzt",)
     channel: int | None = None
     """channel to import of two antennas in one place, counted from 0"""
-
-    def run(self) -> None:
-        """Import."""
-        self._import_one(self.channel)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -133,6 +133,15 @@ def distances_m(
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def path_lengths_m(
+    kind: str, x: Float[np.ndarray, " trace"], y: Float[np.ndarray, " trace"]
+) -> Float[np.ndarray, " trace"]:
+    """Cumulative length of a path, m from 0, in ``degrees`` (x longitude) or in metres of a plane."""
+    if kind == "degrees":
+        return distances_m(y, x)
+    return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+
+
 def path_headings_deg(
     latitude_deg: Float[np.ndarray, " scan"],
     longitude_deg: Float[np.ndarray, " scan"],

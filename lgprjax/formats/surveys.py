@@ -19,7 +19,6 @@ from lgprjax.formats.line_findings import FoundLine, LineFinding, Reversed, Time
 from lgprjax.formats.line_layout import check_alike, check_length, inputs_of, write_lines, write_positioned_lines
 from lgprjax.formats.line_positions import (
     RECEIVERS,
-    SidePositions,
     find_side_files,
     read_side_file,
     strangers,
@@ -28,7 +27,7 @@ from lgprjax.formats.line_positions import (
 from lgprjax.formats.plausible import IMPLAUSIBLE, left_out_in_words, lengths_disagree, path_length_m
 from lgprjax.formats.profile import Assumed, Profile, check_channel
 from lgprjax.formats.survey_layout import SurveyLayout, SurveyLine, check_fit, header_positions, lay_out, places_traces
-from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, distances_m, unused_zone, utm_projection
+from lgprjax.formats.survey_track import UNUSED_PLACE, SurveyOrigin, path_lengths_m, unused_zone, utm_projection
 from lgprjax.formats.vendors.line_files import read_dt1, read_dzt, read_iprb, read_iprb_array, read_mala
 from lgprjax.formats.vendors.segy import SampleFormat, read_segy
 
@@ -356,15 +355,11 @@ def _with_positions(lines: Sequence[Profile], *, surveyed: bool) -> tuple[list[S
     return [
         each
         if header is None
-        else SurveyLine(replace(each.profile, spacing_m=None, positions_m=_path_m(header)), header)
+        else SurveyLine(
+            replace(each.profile, spacing_m=None, positions_m=path_lengths_m(header.kind, header.x, header.y)), header
+        )
         for each, header in zip(survey, placed, strict=True)
     ], notes
-
-
-def _path_m(side: SidePositions) -> Float[np.ndarray, " trace"]:
-    if side.kind == "degrees":
-        return distances_m(side.y, side.x)
-    return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(side.x), np.diff(side.y)))])
 
 
 def _notes(

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from lgprjax.errors import ArgumentError, InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack, TraceRecording
 from lgprjax.formats.profile import Assumed
-from lgprjax.formats.survey_track import TRACK_ASSUMED, check_utm, time_zero_assumed, utm_projection
+from lgprjax.formats.survey_track import TRACK_ASSUMED, check_utm, time_zero_assumed, track, utm_projection
 from lgprjax.formats.travel import smoothed_travel
 from lgprjax.radar.array import ArrayGeometry
 
@@ -209,12 +209,4 @@ def _track(
     # Grid north deviates from true north by the meridian convergence, which counts clockwise.
     convergence_deg = projection.get_factors(longitude_deg, latitude_deg).meridian_convergence
     grid_deg = np.rad2deg(np.arctan2(forward[:, 0], forward[:, 1]))
-    zeros = np.zeros(len(time_s))
-    return NavigationTrack(
-        time_s=time_s,
-        latitude_deg=latitude_deg,
-        longitude_deg=longitude_deg,
-        height_m=zeros,
-        heading_deg=(grid_deg + convergence_deg) % 360.0,
-        roll_deg=zeros,
-    )
+    return track(time_s, latitude_deg, longitude_deg, (grid_deg + convergence_deg) % 360.0)

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import pyproj
 from jaxtyping import Float, Int, Num, UInt32
 
 from lgprjax.errors import InputError
@@ -17,6 +16,7 @@ from lgprjax.formats.survey_track import (
     UNUSED_PLACE,
     SurveyOrigin,
     check_utm,
+    path_lengths_m,
     time_zero_assumed,
     travel_along_path,
     unused_zone,
@@ -83,7 +83,7 @@ def read_segy(
     traces, notes = _decoded(file, samples, binary, sample_format)
     interval_ns, interval_from = _interval(file, binary, words[117], sample_interval_ns)
     coordinates, coordinates_from = _coordinates(words, feet=binary.feet)
-    positions_m = None if coordinates is None else _along_m(coordinates)
+    positions_m = None if coordinates is None else path_lengths_m(coordinates.kind, coordinates.x, coordinates.y)
     spacing_m = None
     if positions_m is not None and len(positions_m) > 1:
         steps = np.diff(positions_m)
@@ -333,16 +333,6 @@ def _coordinates(words: dict[int, Int[np.ndarray, " trace"]], *, feet: bool) -> 
 
 
 _PAIRS = {"source": (73, 77), "receiver": (81, 85), "ensemble": (181, 185)}
-
-
-def _along_m(coordinates: TraceCoordinates) -> Float[np.ndarray, " trace"]:
-    """Cumulative distance along the traces."""
-    if coordinates.kind == "degrees":
-        x, y = coordinates.x, coordinates.y
-        steps = pyproj.Geod(ellps="WGS84").inv(x[:-1], y[:-1], x[1:], y[1:])[2]
-    else:
-        steps = np.hypot(np.diff(coordinates.x), np.diff(coordinates.y))
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 # A SEG-Y line as a drive log: on its own coordinates if they have a place on the earth, else straight.
