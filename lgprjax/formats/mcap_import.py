@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from lgprjax.errors import InputError
 from lgprjax.formats.drive import DriveDescription, DriveWriter, NavigationTrack, OdometryTrack
 from lgprjax.formats.mcap_recording import (
+    Recording,
     Scan,
     ScanForm,
     UniformArray,
@@ -40,7 +41,7 @@ from lgprjax.formats.ros import (
     TOPICS,
     is_kind,
 )
-from lgprjax.formats.rosbag_recording import Recording, is_bag, open_recording
+from lgprjax.formats.rosbag_recording import is_bag, open_recording
 from lgprjax.formats.store import utc_ns, utc_text
 
 # Topics of a recording for a drive: one pass through the file, then a choice among them.

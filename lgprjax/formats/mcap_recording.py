@@ -3,6 +3,7 @@
 Needs the optional package mcap (``pip install lgprjax[log]``).
 """
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -36,15 +37,12 @@ class LoggedMessage(NamedTuple):
     values: dict[str, Any]
 
 
-class McapRecording:
-    """An MCAP file; each call of ``messages`` reads it from the beginning.
-
-    A file without an end, from a killed recorder, is read as far as it goes; a chunk with a wrong checksum is left out,
-    and after a record with a wrong length reading continues at the next chunk in the file's index.
+class Recording(ABC):
+    """A recording of ROS messages; each call of ``messages`` reads it from the beginning.
 
     Attributes:
-        path: the file.
-        repaired_by: command of MCAP's own tool that repairs a file that was cut.
+        path: the file, or the folder of a ROS 2 bag.
+        repaired_by: command that repairs a file that was cut.
         kinds: type of each topic met so far.
         metadata: the file's own records of names and texts, by name, of those met so far.
         whole: whether the last pass found no damage and reached the file's end.
@@ -53,13 +51,40 @@ class McapRecording:
         refused: why topics are not read at all.
     """
 
+    repaired_by: str
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.kinds: dict[str, str] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.refused: dict[str, str] = {}
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin a pass."""
+        self.whole = True
+        self.damaged_chunks = 0
+        self.unreadable: Counter[str] = Counter()
+
+    @abstractmethod
+    def messages(self, only: str | None = None) -> Iterator[LoggedMessage]:
+        """All messages that can be decoded, or those of one topic. Raises ``InputError`` if the file cannot be read."""
+
+
+class McapRecording(Recording):
+    """An MCAP file.
+
+    A file without an end, from a killed recorder, is read as far as it goes; a chunk with a wrong checksum is left out,
+    and after a record with a wrong length reading continues at the next chunk in the file's index.
+    """
+
     def __init__(self, path: str | Path) -> None:
         """Check that this is an MCAP file.
 
         Raises:
             InputError: the file is not MCAP or cannot be read, or the package mcap is missing.
         """
-        self.path = Path(path)
+        super().__init__(path)
         require_mcap(self.path)
         try:
             with self.path.open("rb") as stream:
@@ -71,26 +96,14 @@ class McapRecording:
             found = "an empty file" if not begin else "another format"
             raise InputError(self.path, "file", "an MCAP file", found)
         self.repaired_by = f"mcap recover {self.path} -o repaired.mcap"
-        self.kinds: dict[str, str] = {}
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.refused: dict[str, str] = {}
-        self._layouts: dict[int, MessageLayout | None] = {}
-        self._forget()
 
     def _forget(self) -> None:
-        self.whole = True
-        self.damaged_chunks = 0
-        self.unreadable: Counter[str] = Counter()
+        super()._forget()
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
-        self._layouts.clear()
+        self._layouts: dict[int, MessageLayout | None] = {}
 
     def messages(self, only: str | None = None) -> Iterator[LoggedMessage]:
-        """All messages that can be decoded, or those of one topic.
-
-        Raises:
-            InputError: the file system fails.
-        """
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
         from mcap.stream_reader import breakup_chunk
 

@@ -7,14 +7,13 @@ messages are decoded and encoded like those of an MCAP recording.
 import os
 import shutil
 import sqlite3
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from lgprjax.errors import InputError
-from lgprjax.formats.mcap_recording import LoggedMessage, McapRecording
+from lgprjax.formats.mcap_recording import LoggedMessage, McapRecording, Recording
 from lgprjax.formats.ros import (
     FIX_QUALITY,
     RADAR_ARRAY,
@@ -30,19 +29,8 @@ BAG_SUFFIXES = (".bag", ".db3")
 _METADATA = "metadata.yaml"
 
 
-class RosbagRecording:
-    """A ROS bag; each call of ``messages`` reads it from the beginning.
-
-    Attributes:
-        path: path of the file, or of the folder of a ROS 2 bag.
-        repaired_by: ROS command that repairs a truncated bag.
-        kinds: type of each topic.
-        metadata: empty, for compatibility with ``McapRecording``.
-        whole: whether the last pass reached the bag's end.
-        damaged_chunks: always 0, for compatibility with ``McapRecording``.
-        unreadable: number of messages of each topic left out in the last pass because they do not decode.
-        refused: reasons why topics are not read at all, by topic.
-    """
+class RosbagRecording(Recording):
+    """A ROS bag, without metadata; what is damaged ends a pass."""
 
     def __init__(self, path: str | Path) -> None:
         """Check that this is a bag.
@@ -50,27 +38,16 @@ class RosbagRecording:
         Raises:
             InputError: the path is not a bag or cannot be read, or the package rosbags is missing.
         """
-        self.path = Path(path)
+        super().__init__(path)
         self._bag = _bag_of(self.path)
         _require_rosbags(self.path)
         ros1 = self._bag.suffix.lower() == ".bag"
         self.repaired_by = f"rosbag reindex {self._bag}" if ros1 else f"ros2 bag reindex {self._bag}"
-        self.kinds: dict[str, str] = {}
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.refused: dict[str, str] = {}
-        self.whole = True
-        self.damaged_chunks = 0
-        self.unreadable: Counter[str] = Counter()
 
     def messages(self, only: str | None = None) -> Iterator[LoggedMessage]:
-        """All messages that can be decoded, or those of one topic.
-
-        Raises:
-            InputError: the bag is damaged from its start on, or the file system fails.
-        """
         from rosbags.highlevel import AnyReader
 
-        self.whole, self.unreadable = True, Counter()
+        self._forget()
         began = False
         try:
             with AnyReader([self._bag], default_typestore=_typestore()) as reader:
@@ -122,9 +99,6 @@ class RosbagRecording:
 def is_bag(path: Path) -> bool:
     """Whether a name is that of a bag: a file, or a folder with the metadata or the files of one."""
     return path.suffix.lower() in BAG_SUFFIXES or (path / _METADATA).is_file() or any(path.glob("*.db3"))
-
-
-Recording = McapRecording | RosbagRecording
 
 
 def open_recording(path: str | Path) -> Recording:
