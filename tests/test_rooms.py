@@ -87,7 +87,7 @@ def test_what_drives_is_stepped_in_one_place() -> None:
     What predicts the sigma of a planned field (``worked.predicted``), and what smooths a recorded run
     (``runtime.smoothed``), run the filter alone, and drive nothing.
     """
-    parts = ("step_navigator(", "step_skid_filter(", "limit_command(", "limit_skid_command(")
+    parts = ("step_navigator(", "step_skid_filter(", "limit_command(")
     users = {
         path.relative_to(_PACKAGE).parts[0]
         for path in _PACKAGE.rglob("*.py")

@@ -2,7 +2,7 @@
 
 A command that is not finite or too old is replaced by the last good one for one step. If the next one is bad too, the
 limiter switches to its default, requests manual mode, and stays there until it is restarted. This is common to all
-vehicles (``_judge`` and ``_send``); limits and default are specific.
+vehicles: ``limit_command`` takes the command record of any vehicle; limits and default are methods of its rules.
 
 Front-wheel steering and pedals: the default is throttle idle, brake rising to its default, steering from the last good
 angle to straight at a slow rate of its own. Both pedals are never pressed together; the brake wins. Releasing a pedal
@@ -13,11 +13,146 @@ Skid steering and tool: the default is the tool off at once, both wheels to a st
 
 from enum import IntFlag
 from functools import reduce
-from typing import NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
+
+AnyCommand = TypeVar("AnyCommand", bound=tuple[Any, ...])
+"""A vehicle's command record: a ``NamedTuple`` of numbers, each a scalar or one value per batch element."""
+
+
+class CommandRules(Protocol[AnyCommand]):
+    """Limits and default of a vehicle's commands; ``LimiterRules`` and ``SkidLimiterRules`` are two."""
+
+    @property
+    def oldest_s(self) -> Float[Array, "..."]:
+        """Largest age of a command's pose."""
+
+    def within(
+        self, last: AnyCommand, command: AnyCommand, step_s: Float[Array, "..."]
+    ) -> tuple[AnyCommand, tuple[Bool[Array, "..."], ...]]:
+        """The command within its limits, and for every limit whether it was applied, from the lowest bit on.
+
+        Args:
+            last: last command sent.
+            command: wanted command, finite.
+            step_s: time since the last command sent, not negative.
+        """
+
+    def default(self, last: AnyCommand, step_s: Float[Array, "..."]) -> AnyCommand:
+        """One step further towards the command that is sent if commands fail."""
+
+
+class LimiterState(NamedTuple, Generic[AnyCommand]):
+    """State of the limiter from step to step.
+
+    Attributes:
+        last: last command sent.
+        missed: the last command was bad.
+        failed: two in a row were bad; it stays with the default.
+    """
+
+    last: AnyCommand
+    missed: Bool[Array, "..."]
+    failed: Bool[Array, "..."]
+
+
+def init_limiter(command: AnyCommand) -> LimiterState[AnyCommand]:
+    """State after a good command: the vehicle as it is."""
+    no = jnp.zeros_like(command[0], jnp.bool_)
+    return LimiterState(command, no, no)
+
+
+def limit_command(
+    rules: CommandRules[AnyCommand],
+    state: LimiterState[AnyCommand],
+    command: AnyCommand,
+    age_s: Float[Array, "..."],
+    step_s: Float[Array, "..."],
+) -> tuple[LimiterState[AnyCommand], AnyCommand, Int32[Array, "..."]]:
+    """State, the command to send, and changes to it as bits: those of the rules, then the three of every limiter.
+
+    The three are ``NOT_FINITE``, ``STALE`` and ``MANUAL_REQUESTED``, as ``Limited`` and ``SkidLimited`` name them.
+
+    Args:
+        rules: limits.
+        state: state of the last step.
+        command: wanted command.
+        age_s: age of the command's pose; a negative age (of a broken clock) counts as too old.
+        step_s: time since the last command sent; if it is not positive or NaN, nothing that has a rate may change.
+    """
+    last = state.last
+    finite = jnp.isfinite(jnp.stack(command)).all(0)
+    fresh = jnp.logical_and(age_s >= 0.0, age_s <= rules.oldest_s)
+    bad = jnp.logical_not(jnp.logical_and(finite, fresh))
+    failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
+    # For zero and NaN this yields zero.
+    step = jnp.fmax(step_s, 0.0)
+    limited, limits = rules.within(last, command, step)
+    # A good command within its limits, the last one in place of a bad one, the default from the second on.
+    good = jnp.logical_not(jnp.logical_or(bad, failed))
+    sent = _pick(good, limited, _pick(failed, rules.default(last, step), last))
+    # A replaced command was not limited.
+    faults = (jnp.logical_not(finite), jnp.logical_not(fresh), failed)
+    bits = _bits((*(jnp.logical_and(good, limit) for limit in limits), *faults))
+    return LimiterState(sent, bad, failed), sent, bits
+
+
+def limit_while_engaged(
+    rules: CommandRules[AnyCommand],
+    state: LimiterState[AnyCommand],
+    command: AnyCommand,
+    age_s: Float[Array, "..."],
+    step_s: Float[Array, "..."],
+    *,
+    engaged: Bool[Array, "..."],
+    measured: AnyCommand,
+) -> tuple[LimiterState[AnyCommand], Int32[Array, "..."]]:
+    """State of the limiter, whose last command is sent, and its bits.
+
+    Not engaged, no command is sent: the limiter tracks the vehicle as measured.
+
+    Args:
+        rules, state, command, age_s, step_s: see ``limit_command``.
+        engaged: whether the computer commands the vehicle.
+        measured: command that leaves the vehicle as it is; where it is not finite the last one stays.
+    """
+    known = jax.tree.map(lambda now, last: jnp.where(jnp.isfinite(now), now, last), measured, state.last)
+    limited, _, bits = limit_command(rules, state, command, age_s, step_s)
+    return _pick(engaged, limited, init_limiter(known)), jnp.where(engaged, bits, 0)
+
+
+def bounded(
+    wanted: Float[Array, "..."], last: Float[Array, "..."], largest: Float[Array, "..."], change: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], tuple[Bool[Array, "..."], Bool[Array, "..."]]]:
+    """A number of a command within its range and rate, and whether each was applied.
+
+    Args:
+        wanted, last: number of the wanted command, and of the last one sent.
+        largest: largest magnitude.
+        change: largest change in a step, not negative.
+    """
+    ranged = jnp.clip(wanted, -largest, largest)
+    rated = jnp.clip(ranged, last - change, last + change)
+    return rated, (jnp.not_equal(ranged, wanted), jnp.not_equal(rated, ranged))
+
+
+def _bits(flags: tuple[Bool[Array, "..."], ...]) -> Int32[Array, "..."]:
+    bits = (jnp.where(is_set, jnp.int32(2**place), jnp.int32(0)) for place, is_set in enumerate(flags))
+    return reduce(jnp.bitwise_or, bits)
+
+
+_Tree = TypeVar("_Tree")
+
+
+def _pick(choice: Bool[Array, "..."], chosen: _Tree, other: _Tree) -> _Tree:
+    picked: _Tree = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
+    return picked
+
+
+# Front-wheel steering and pedals.
 
 
 class Limited(IntFlag):
@@ -68,6 +203,45 @@ class LimiterRules(NamedTuple):
     default_brake: Float[Array, "..."]
     release_rate_radps: Float[Array, "..."]
 
+    def within(
+        self, last: Command, command: Command, step_s: Float[Array, "..."]
+    ) -> tuple[Command, tuple[Bool[Array, "..."], ...]]:
+        """The command within its limits; see ``CommandRules``."""
+        front, steered = bounded(
+            command.front_rad, last.front_rad, self.largest_front_rad, self.front_rate_radps * step_s
+        )
+        throttle_ranged, brake_ranged = jnp.clip(command.throttle, 0.0, 1.0), jnp.clip(command.brake, 0.0, 1.0)
+        throttle = jnp.minimum(throttle_ranged, last.throttle + self.throttle_rate_per_s * step_s)
+        brake = jnp.minimum(brake_ranged, last.brake + self.brake_rate_per_s * step_s)
+        # Neither is negative: a pedal is pressed where it is not zero.
+        both = jnp.logical_and(throttle.astype(jnp.bool_), brake.astype(jnp.bool_))
+        limits = (
+            *steered,
+            jnp.not_equal(throttle_ranged, command.throttle),
+            jnp.not_equal(throttle, throttle_ranged),
+            jnp.not_equal(brake_ranged, command.brake),
+            jnp.not_equal(brake, brake_ranged),
+            both,
+        )
+        return Command(front, jnp.where(both, 0.0, throttle), brake), limits
+
+    def default(self, last: Command, step_s: Float[Array, "..."]) -> Command:
+        """One step further towards straight wheels and the brake's default, the throttle idle at once."""
+        turn = self.release_rate_radps * step_s
+        rising = jnp.minimum(self.default_brake, last.brake + self.brake_rate_per_s * step_s)
+        # A brake pressed harder than its default is not released.
+        brake = jnp.maximum(rising, last.brake)
+        return Command(last.front_rad - jnp.clip(last.front_rad, -turn, turn), jnp.zeros_like(brake), brake)
+
+
+def released(front_rad: Float[Array, "..."]) -> Command:
+    """Command with both pedals released, the front wheels at an angle."""
+    free = jnp.zeros_like(front_rad)
+    return Command(front_rad, free, free)
+
+
+# Skid steering and tool.
+
 
 class SkidLimited(IntFlag):
     """Changes that the limiter made to a command."""
@@ -115,151 +289,28 @@ class SkidLimiterRules(NamedTuple):
     oldest_s: Float[Array, "..."]
     release_rate_mps2: Float[Array, "..."]
 
+    def within(
+        self, last: SkidCommand, command: SkidCommand, step_s: Float[Array, "..."]
+    ) -> tuple[SkidCommand, tuple[Bool[Array, "..."], ...]]:
+        """The command within its limits; see ``CommandRules``."""
+        change, largest = self.wheel_rate_mps2 * step_s, self.largest_wheel_mps
+        left, left_limits = bounded(command.left_mps, last.left_mps, largest, change)
+        right, right_limits = bounded(command.right_mps, last.right_mps, largest, change)
+        # Anything except exactly 1 is off.
+        tool = jnp.where(command.tool >= 1.0, 1.0, 0.0)
+        depth = jnp.clip(command.depth_m, 0.0, self.deepest_m)
+        limits = (
+            *left_limits,
+            *right_limits,
+            jnp.not_equal(tool, command.tool),
+            jnp.not_equal(depth, command.depth_m),
+        )
+        return SkidCommand(left, right, tool, depth), limits
 
-AnyCommand = TypeVar("AnyCommand", Command, SkidCommand)
-
-
-class LimiterState(NamedTuple):
-    """State of the limiter from step to step.
-
-    Attributes:
-        last: last command sent.
-        missed: the last command was bad.
-        failed: two in a row were bad; it stays with the default.
-    """
-
-    last: Command
-    missed: Bool[Array, "..."]
-    failed: Bool[Array, "..."]
-
-
-class SkidLimiterState(NamedTuple):
-    """The same for a skid-steer vehicle.
-
-    Attributes:
-        last: last command sent.
-        missed: the last command was bad.
-        failed: two in a row were bad; it stays with the default.
-    """
-
-    last: SkidCommand
-    missed: Bool[Array, "..."]
-    failed: Bool[Array, "..."]
-
-
-class _Judged(NamedTuple):
-    """Verdict on a command; ``step_s`` is never negative."""
-
-    finite: Bool[Array, "..."]
-    fresh: Bool[Array, "..."]
-    bad: Bool[Array, "..."]
-    failed: Bool[Array, "..."]
-    step_s: Float[Array, "..."]
-
-
-def init_limiter(front_rad: Float[Array, "..."]) -> LimiterState:
-    """State with both pedals released and the present front angle."""
-    free, no = jnp.zeros_like(front_rad), jnp.zeros_like(front_rad, jnp.bool_)
-    return LimiterState(Command(front_rad, free, free), no, no)
-
-
-def limit_command(
-    rules: LimiterRules,
-    state: LimiterState,
-    command: Command,
-    age_s: Float[Array, "..."],
-    step_s: Float[Array, "..."],
-) -> tuple[LimiterState, Command, Int32[Array, "..."]]:
-    """State, the command to send, and changes to it as bits of ``Limited``.
-
-    Args:
-        rules: limits.
-        state: state of the last step.
-        command: wanted command.
-        age_s: age of the command's pose; a negative age (of a broken clock) counts as too old.
-        step_s: time since the last command sent; if it is not positive or NaN, no change is allowed.
-    """
-    last, judged = state.last, _judge(state, command, age_s, rules.oldest_s, step_s)
-    step = judged.step_s
-
-    turn, largest = rules.front_rate_radps * step, rules.largest_front_rad
-    front_ranged = jnp.clip(command.front_rad, -largest, largest)
-    front = jnp.clip(front_ranged, last.front_rad - turn, last.front_rad + turn)
-    throttle_ranged, brake_ranged = jnp.clip(command.throttle, 0.0, 1.0), jnp.clip(command.brake, 0.0, 1.0)
-    throttle = jnp.minimum(throttle_ranged, last.throttle + rules.throttle_rate_per_s * step)
-    brake = jnp.minimum(brake_ranged, last.brake + rules.brake_rate_per_s * step)
-    # Neither is negative: a pedal is pressed where it is not zero.
-    both = jnp.logical_and(throttle.astype(jnp.bool_), brake.astype(jnp.bool_))
-    limited = Command(front, jnp.where(both, 0.0, throttle), brake)
-
-    limits = (
-        (Limited.FRONT_RANGE, jnp.not_equal(front_ranged, command.front_rad)),
-        (Limited.FRONT_RATE, jnp.not_equal(front, front_ranged)),
-        (Limited.THROTTLE_RANGE, jnp.not_equal(throttle_ranged, command.throttle)),
-        (Limited.THROTTLE_RATE, jnp.not_equal(throttle, throttle_ranged)),
-        (Limited.BRAKE_RANGE, jnp.not_equal(brake_ranged, command.brake)),
-        (Limited.BRAKE_RATE, jnp.not_equal(brake, brake_ranged)),
-        (Limited.BOTH_PEDALS, both),
-    )
-    sent, bits = _send(judged, last, limited, _default(rules, last, step), Limited, limits)
-    return LimiterState(sent, judged.bad, judged.failed), sent, bits
-
-
-def _default(rules: LimiterRules, last: Command, step_s: Float[Array, "..."]) -> Command:
-    """One step further towards straight wheels and the brake's default, the throttle idle at once."""
-    turn = rules.release_rate_radps * step_s
-    rising = jnp.minimum(rules.default_brake, last.brake + rules.brake_rate_per_s * step_s)
-    # A brake pressed harder than its default is not released.
-    brake = jnp.maximum(rising, last.brake)
-    return Command(last.front_rad - jnp.clip(last.front_rad, -turn, turn), jnp.zeros_like(brake), brake)
-
-
-def init_skid_limiter(
-    left_mps: Float[Array, "..."], right_mps: Float[Array, "..."], depth_m: Float[Array, "..."]
-) -> SkidLimiterState:
-    """State with the present wheel speeds, and the tool off."""
-    off, no = jnp.zeros_like(left_mps), jnp.zeros_like(left_mps, jnp.bool_)
-    return SkidLimiterState(SkidCommand(left_mps, right_mps, off, depth_m), no, no)
-
-
-def limit_skid_command(
-    rules: SkidLimiterRules,
-    state: SkidLimiterState,
-    command: SkidCommand,
-    age_s: Float[Array, "..."],
-    step_s: Float[Array, "..."],
-) -> tuple[SkidLimiterState, SkidCommand, Int32[Array, "..."]]:
-    """State, the command to send, and changes to it as bits of ``SkidLimited``.
-
-    Args:
-        rules: limits.
-        state: state of the last step.
-        command: wanted command.
-        age_s: age of the command's pose; a negative age (of a broken clock) counts as too old.
-        step_s: time since the last command sent; if it is not positive or NaN, no change of the wheels is allowed.
-    """
-    last, judged = state.last, _judge(state, command, age_s, rules.oldest_s, step_s)
-    step = judged.step_s
-
-    change, largest = rules.wheel_rate_mps2 * step, rules.largest_wheel_mps
-    left_ranged, right_ranged = (jnp.clip(wheel, -largest, largest) for wheel in command[:2])
-    left = jnp.clip(left_ranged, last.left_mps - change, last.left_mps + change)
-    right = jnp.clip(right_ranged, last.right_mps - change, last.right_mps + change)
-    # Anything except exactly 1 is off.
-    tool = jnp.where(command.tool >= 1.0, 1.0, 0.0)
-    depth = jnp.clip(command.depth_m, 0.0, rules.deepest_m)
-    limited = SkidCommand(left, right, tool, depth)
-
-    limits = (
-        (SkidLimited.LEFT_RANGE, jnp.not_equal(left_ranged, command.left_mps)),
-        (SkidLimited.LEFT_RATE, jnp.not_equal(left, left_ranged)),
-        (SkidLimited.RIGHT_RANGE, jnp.not_equal(right_ranged, command.right_mps)),
-        (SkidLimited.RIGHT_RATE, jnp.not_equal(right, right_ranged)),
-        (SkidLimited.TOOL_RANGE, jnp.not_equal(tool, command.tool)),
-        (SkidLimited.DEPTH_RANGE, jnp.not_equal(depth, command.depth_m)),
-    )
-    sent, bits = _send(judged, last, limited, _skid_default(rules, last, step), SkidLimited, limits)
-    return SkidLimiterState(sent, judged.bad, judged.failed), sent, bits
+    def default(self, last: SkidCommand, step_s: Float[Array, "..."]) -> SkidCommand:
+        """One step further towards a stop on the same arc, the tool off at once."""
+        left, right = slowed(last.left_mps, last.right_mps, self.release_rate_mps2 * step_s)
+        return SkidCommand(left, right, jnp.zeros_like(left), last.depth_m)
 
 
 def slowed(
@@ -270,54 +321,3 @@ def slowed(
     # At rest the quotient is infinite or no number: fmax makes zero of both.
     share = jnp.fmax(1.0 - change_mps / fastest, 0.0)
     return share * left_mps, share * right_mps
-
-
-def _skid_default(rules: SkidLimiterRules, last: SkidCommand, step_s: Float[Array, "..."]) -> SkidCommand:
-    """One step further towards a stop."""
-    left, right = slowed(last.left_mps, last.right_mps, rules.release_rate_mps2 * step_s)
-    return SkidCommand(left, right, jnp.zeros_like(left), last.depth_m)
-
-
-def _judge(
-    state: LimiterState | SkidLimiterState,
-    command: Command | SkidCommand,
-    age_s: Float[Array, "..."],
-    oldest_s: Float[Array, "..."],
-    step_s: Float[Array, "..."],
-) -> _Judged:
-    finite = jnp.isfinite(jnp.stack(command)).all(0)
-    fresh = jnp.logical_and(age_s >= 0.0, age_s <= oldest_s)
-    bad = jnp.logical_not(jnp.logical_and(finite, fresh))
-    failed = jnp.logical_or(state.failed, jnp.logical_and(state.missed, bad))
-    # For zero and NaN this yields zero.
-    return _Judged(finite, fresh, bad, failed, jnp.fmax(step_s, 0.0))
-
-
-def _send(
-    judged: _Judged,
-    last: AnyCommand,
-    limited: AnyCommand,
-    default: AnyCommand,
-    flag_type: type[Limited] | type[SkidLimited],
-    limits: tuple[tuple[Limited | SkidLimited, Bool[Array, "..."]], ...],
-) -> tuple[AnyCommand, Int32[Array, "..."]]:
-    """A good command within its limits, the last one in place of a bad one, the default from the second on."""
-    good = jnp.logical_not(jnp.logical_or(judged.bad, judged.failed))
-    sent = _pick(good, limited, _pick(judged.failed, default, last))
-    faults = (
-        (flag_type.NOT_FINITE, jnp.logical_not(judged.finite)),
-        (flag_type.STALE, jnp.logical_not(judged.fresh)),
-        (flag_type.MANUAL_REQUESTED, judged.failed),
-    )
-    # A replaced command was not limited.
-    bits = jnp.bitwise_or(jnp.where(good, _bits(limits), 0), _bits(faults))
-    return sent, bits
-
-
-def _bits(flags: tuple[tuple[Limited | SkidLimited, Bool[Array, "..."]], ...]) -> Int32[Array, "..."]:
-    return reduce(jnp.bitwise_or, (jnp.where(is_set, jnp.int32(flag), jnp.int32(0)) for flag, is_set in flags))
-
-
-def _pick(choice: Bool[Array, "..."], chosen: AnyCommand, other: AnyCommand) -> AnyCommand:
-    picked: AnyCommand = jax.tree.map(lambda one, two: jnp.where(choice, one, two), chosen, other)
-    return picked

@@ -8,11 +8,11 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from lgprjax.autopilot.fence import StopRules, edge_ahead
 from lgprjax.autopilot.limiter import (
+    LimiterState,
     SkidCommand,
     SkidLimiterRules,
-    SkidLimiterState,
-    init_skid_limiter,
-    limit_skid_command,
+    init_limiter,
+    limit_while_engaged,
     slowed,
 )
 from lgprjax.coverage.field import Outline, Tool, outline_of
@@ -260,7 +260,7 @@ class SkidState(NamedTuple):
     filter: SkidFilterState
     carrot: CarrotState
     pulses: PulseState
-    limiter: SkidLimiterState
+    limiter: LimiterState[SkidCommand]
     edge: Bool[Array, "..."]
 
 
@@ -318,7 +318,7 @@ def init_skid(setup: SkidSetup, x_m: Float[Array, ""], y_m: Float[Array, ""]) ->
         init_skid_filter(setup.model, x_m, y_m),
         init_carrot(),
         init_pulses(zero),
-        init_skid_limiter(zero, zero, setup.depth_m),
+        init_limiter(SkidCommand(zero, zero, zero, setup.depth_m)),
         jnp.asarray(False),
     )
 
@@ -389,10 +389,15 @@ def step_skid(
     tool = jnp.where(~stops & found.heading_known & on_line, 1.0, 0.0)
     wanted = SkidCommand(wheels.left_mps, wheels.right_mps, tool, setup.depth_m)
 
-    limiter, _, limited = limit_skid_command(setup.limiter, state.limiter, wanted, orders.age_s, step_s)
-    # Not engaged, no command is sent: the limiter tracks the measured wheels.
-    free = init_skid_limiter(measured.left_mps, measured.right_mps, setup.depth_m)
-    limiter = _chosen(orders.engaged, limiter, free)
+    limiter, limited = limit_while_engaged(
+        setup.limiter,
+        state.limiter,
+        wanted,
+        orders.age_s,
+        step_s,
+        engaged=orders.engaged,
+        measured=SkidCommand(measured.left_mps, measured.right_mps, jnp.zeros_like(speed), setup.depth_m),
+    )
     sent = WheelSpeeds(limiter.last.left_mps, limiter.last.right_mps)
     pulses = settle_pulses(setup.threshold_mps, pulses, requested, sent, step_s)
     pulses = _chosen(stops, init_pulses(speed), pulses)
@@ -400,7 +405,7 @@ def step_skid(
     info = SkidInfo(
         filter=found,
         plan=plan,
-        limited=jnp.where(orders.engaged, limited, 0),
+        limited=limited,
         reaction=health.reaction,
         reasons=health.reasons,
         sigma_m=health.sigma_m,

@@ -11,7 +11,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from lgprjax.autopilot.limiter import Command, LimiterRules, LimiterState, init_limiter, limit_command
+from lgprjax.autopilot.limiter import (
+    Command,
+    LimiterRules,
+    LimiterState,
+    init_limiter,
+    limit_while_engaged,
+    released,
+)
 from lgprjax.autopilot.speed import (
     VelocitySettings,
     VelocityState,
@@ -84,7 +91,7 @@ class AutopilotState(NamedTuple):
 
     planner: PlannerState
     velocity: VelocityState
-    limiter: LimiterState
+    limiter: LimiterState[Command]
     middle_rad: Float[Array, ""]
 
 
@@ -136,7 +143,7 @@ class AutopilotInfo(NamedTuple):
 
 def init_autopilot(planner: PlannerState, speed_mps: Float[Array, ""], front_rad: Float[Array, ""]) -> AutopilotState:
     """State with a start found by the planner, at a speed (its magnitude), with the present front angle."""
-    return AutopilotState(planner, init_velocity(speed_mps), init_limiter(front_rad), front_rad)
+    return AutopilotState(planner, init_velocity(speed_mps), init_limiter(released(front_rad)), front_rad)
 
 
 def step_autopilot(
@@ -185,35 +192,16 @@ def step_autopilot(
 
     command = Command(front, throttle, brake)
     limiter, limited = limit_while_engaged(
-        config.limiter, state.limiter, command, inputs.age_s, step_s, engaged=engaged, front_rad=inputs.front_rad
+        config.limiter,
+        state.limiter,
+        command,
+        inputs.age_s,
+        step_s,
+        engaged=engaged,
+        measured=released(inputs.front_rad),
     )
     info = AutopilotInfo(plan, limited, jnp.where(stops, 0.0, wanted), reachable, ahead_m)
     return AutopilotState(planner, velocity, limiter, middle), limiter.last, info
-
-
-def limit_while_engaged(
-    rules: LimiterRules,
-    state: LimiterState,
-    command: Command,
-    age_s: Float[Array, ""],
-    step_s: Float[Array, ""],
-    *,
-    engaged: Bool[Array, ""],
-    front_rad: Float[Array, ""],
-) -> tuple[LimiterState, Int32[Array, ""]]:
-    """State of the limiter, whose last command is sent, and its bits.
-
-    Not engaged, no command is sent: the limiter tracks the measured wheels.
-
-    Args:
-        rules, state, command, age_s, step_s: see ``limit_command``.
-        engaged: whether the computer commands the vehicle.
-        front_rad: measured angle of the front wheels; NaN if unknown.
-    """
-    free = init_limiter(jnp.where(jnp.isfinite(front_rad), front_rad, state.last.front_rad))
-    limited, _, bits = limit_command(rules, state, command, age_s, step_s)
-    after: LimiterState = jax.tree.map(lambda one, two: jnp.where(engaged, one, two), limited, free)
-    return after, jnp.where(engaged, bits, 0)
 
 
 def _steer(

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int32
 
-from lgprjax.autopilot import Command, Limited, LimiterRules, LimiterState, init_limiter, limit_command
+from lgprjax.autopilot import (
+    Command,
+    Limited,
+    LimiterRules,
+    LimiterState,
+    init_limiter,
+    limit_command,
+    limit_while_engaged,
+    released,
+)
 
 LANES, STEPS = 400, 24
 RULES = (0.5, 0.5, 1.0, 2.0, 0.25, 0.375, 0.125)
@@ -67,7 +76,7 @@ def limit_plainly(
 
 @jax.jit
 def drive(
-    rules: LimiterRules, start: LimiterState, told: Float[Array, "step 5 lane"]
+    rules: LimiterRules, start: LimiterState[Command], told: Float[Array, "step 5 lane"]
 ) -> tuple[Float[Array, "step 4 lane"], Int32[Array, "step lane"]]:
     """What is sent and the count of bad ones, and the bits; each step told front, throttle, brake, age and step."""
 
@@ -99,7 +108,7 @@ def draw(seed: int) -> tuple[Float[np.ndarray, "rule lane"], Float[np.ndarray, "
 def test_every_step_is_that_of_the_plain_limiter(seed: int) -> None:
     rules, told = draw(seed)
     begun = np.random.default_rng(seed + 100).integers(-16, 17, LANES) / 32.0
-    start = init_limiter(jnp.asarray(begun, jnp.float32))
+    start = init_limiter(released(jnp.asarray(begun, jnp.float32)))
     sent, bits = drive(LimiterRules(*jnp.asarray(rules, jnp.float32)), start, jnp.asarray(told, jnp.float32))
     found, limited = np.asarray(sent), np.asarray(bits)
     seen = Limited(0)
@@ -119,7 +128,7 @@ def test_without_pedals_none_is_ever_pressed() -> None:
     """Rules of a kit that only steers, and commands of every kind: neither they nor the default press one."""
     rules, told = draw(4)
     rules[[RULES.index(1.0), RULES.index(2.0), RULES.index(0.375)]] = 0.0
-    start = init_limiter(jnp.zeros(LANES, jnp.float32))
+    start = init_limiter(released(jnp.zeros(LANES, jnp.float32)))
     sent, bits = drive(LimiterRules(*jnp.asarray(rules, jnp.float32)), start, jnp.asarray(told, jnp.float32))
     assert (np.asarray(sent)[:, 1:3] == 0.0).all()
     assert (np.asarray(sent)[:, 0] != 0.0).any()
@@ -139,7 +148,7 @@ def run(told: list[tuple[float, float, float]], ages_s: list[float] | None = Non
     full = np.array(rows + [rows[-1]] * (STEPS - len(rows)))
     lanes = np.repeat(full[:, :, None], LANES, axis=2)
     rules = LimiterRules(*(jnp.full(LANES, rule, jnp.float32) for rule in RULES))
-    sent, bits = drive(rules, init_limiter(jnp.zeros(LANES, jnp.float32)), jnp.asarray(lanes, jnp.float32))
+    sent, bits = drive(rules, init_limiter(released(jnp.zeros(LANES, jnp.float32))), jnp.asarray(lanes, jnp.float32))
     count = len(told)
     return Sent(np.asarray(sent)[:count, :, 0], [Limited(int(each)) for each in np.asarray(bits)[:count, 0]])
 
@@ -179,8 +188,29 @@ def test_a_hard_brake_is_not_let_go_by_the_default() -> None:
 
 
 def test_a_limiter_starts_with_the_wheels_where_they_are_and_nothing_pressed() -> None:
-    state = init_limiter(jnp.float32(0.25))
+    state = init_limiter(released(jnp.float32(0.25)))
     assert [float(part) for part in state.last] == [0.25, 0.0, 0.0]
     assert not state.missed
     assert not state.failed
     assert [flag.value for flag in Limited] == [2**place for place in range(10)]
+
+
+def test_not_engaged_the_limiter_follows_the_wheels_as_far_as_they_are_measured() -> None:
+    rules, no = LimiterRules(*(jnp.float32(rule) for rule in RULES)), jnp.asarray(False)
+    state = LimiterState(Command(*(jnp.float32(value) for value in (0.125, 0.5, 0.0))), jnp.asarray(True), ~no)
+    age, step, wanted = jnp.float32(AGE_S), jnp.float32(STEP_S), released(jnp.float32(0.5))
+
+    def after(engaged: jax.Array, measured_rad: float) -> tuple[LimiterState[Command], int]:
+        measured = released(jnp.float32(measured_rad))
+        found, bits = limit_while_engaged(rules, state, wanted, age, step, engaged=engaged, measured=measured)
+        return found, int(bits)
+
+    followed, bits = after(no, 0.375)
+    assert [float(part) for part in followed.last] == [0.375, 0.0, 0.0]
+    assert (bool(followed.missed), bool(followed.failed), bits) == (False, False, 0)
+    unknown, _ = after(no, math.nan)
+    assert [float(part) for part in unknown.last] == [0.125, 0.0, 0.0]
+    # Engaged, a failed limiter stays with its default.
+    failed, bits = after(~no, 0.375)
+    assert [float(part) for part in failed.last] == [0.109375, 0.0, 0.25]
+    assert (bool(failed.failed), Limited(bits)) == (True, Limited.MANUAL_REQUESTED)

@@ -10,12 +10,12 @@ import pytest
 from jaxtyping import Array, Float, Int32
 
 from lgprjax.autopilot import (
+    LimiterState,
     SkidCommand,
     SkidLimited,
     SkidLimiterRules,
-    SkidLimiterState,
-    init_skid_limiter,
-    limit_skid_command,
+    init_limiter,
+    limit_command,
 )
 
 LANES, STEPS = 300, 24
@@ -70,12 +70,12 @@ def limit_plainly(
 
 @jax.jit
 def drive(
-    rules: SkidLimiterRules, start: SkidLimiterState, told: Float[Array, "step 6 lane"]
+    rules: SkidLimiterRules, start: LimiterState[SkidCommand], told: Float[Array, "step 6 lane"]
 ) -> tuple[Float[Array, "step 5 lane"], Int32[Array, "step lane"]]:
     """What is sent and the count of bad ones, and the bits; each step told left, right, tool, depth, age and step."""
 
     def step(state, now):  # type: ignore[no-untyped-def]
-        state, sent, bits = limit_skid_command(rules, state, SkidCommand(*now[:4]), now[4], now[5])
+        state, sent, bits = limit_command(rules, state, SkidCommand(*now[:4]), now[4], now[5])
         return state, (jnp.stack([*sent, jnp.where(state.failed, 2.0, jnp.where(state.missed, 1.0, 0.0))]), bits)
 
     driven: tuple[Float[Array, "step 5 lane"], Int32[Array, "step lane"]] = jax.lax.scan(step, start, told)[1]
@@ -103,7 +103,8 @@ def test_every_step_is_that_of_the_plain_limiter(seed: int) -> None:
     rules, told = draw(seed)
     begun = np.random.default_rng(seed + 100).integers(-16, 17, (2, LANES)) / 32.0
     depth = np.full(LANES, 0.125)
-    start = init_skid_limiter(*(jnp.asarray(value, jnp.float32) for value in (*begun, depth)))
+    still = np.zeros(LANES)
+    start = init_limiter(SkidCommand(*(jnp.asarray(value, jnp.float32) for value in (*begun, still, depth))))
     sent, bits = drive(SkidLimiterRules(*jnp.asarray(rules, jnp.float32)), start, jnp.asarray(told, jnp.float32))
     found, limited = np.asarray(sent), np.asarray(bits)
     seen = SkidLimited(0)
@@ -127,7 +128,7 @@ def test_a_failed_limiter_stops_on_its_arc_with_the_tool_off_and_stays_so() -> N
     told[-6:] = told[0]
     lanes = np.repeat(told[:, :, None], LANES, axis=2)
     rules = SkidLimiterRules(*(jnp.full(LANES, rule, jnp.float32) for rule in RULES))
-    begun = init_skid_limiter(*(jnp.full(LANES, value, jnp.float32) for value in (0.25, 0.5, 0.125)))
+    begun = init_limiter(SkidCommand(*(jnp.full(LANES, value, jnp.float32) for value in (0.25, 0.5, 0.0, 0.125))))
     sent, bits = drive(rules, begun, jnp.asarray(lanes, jnp.float32))
     found = np.asarray(sent)[:, :, 0]
     np.testing.assert_array_equal(found[:2, 2], 1.0)

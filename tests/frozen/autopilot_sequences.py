@@ -21,12 +21,10 @@ from lgprjax.autopilot import (
     ModeState,
     SkidCommand,
     SkidLimiterRules,
-    SkidLimiterState,
     inhibit_of,
     init_limiter,
-    init_skid_limiter,
     limit_command,
-    limit_skid_command,
+    released,
     step_modes,
 )
 
@@ -48,7 +46,7 @@ _TO_SPEED = (
 
 @jax.jit
 def _limit(
-    rules: LimiterRules, start: LimiterState, told: Float[Array, "step 5 lane"]
+    rules: LimiterRules, start: LimiterState[Command], told: Float[Array, "step 5 lane"]
 ) -> tuple[Float[Array, "step 3 lane"], Int32[Array, "step lane"]]:
     def step(state, now):  # type: ignore[no-untyped-def]
         state, sent, bits = limit_command(rules, state, Command(*now[:3]), now[3], now[4])
@@ -60,10 +58,10 @@ def _limit(
 
 @jax.jit
 def _limit_skid(
-    rules: SkidLimiterRules, start: SkidLimiterState, told: Float[Array, "step 6 lane"]
+    rules: SkidLimiterRules, start: LimiterState[SkidCommand], told: Float[Array, "step 6 lane"]
 ) -> tuple[Float[Array, "step 4 lane"], Int32[Array, "step lane"]]:
     def step(state, now):  # type: ignore[no-untyped-def]
-        state, sent, bits = limit_skid_command(rules, state, SkidCommand(*now[:4]), now[4], now[5])
+        state, sent, bits = limit_command(rules, state, SkidCommand(*now[:4]), now[4], now[5])
         return state, (jnp.stack(sent), bits)
 
     driven: tuple[Float[Array, "step 4 lane"], Int32[Array, "step lane"]] = jax.lax.scan(step, start, told)[1]
@@ -96,7 +94,7 @@ def limiter_digest() -> dict[str, object]:
     """Digest of commands sent and of their bits; how often each bit was set."""
     rules = LimiterRules(*(jnp.float32(rule) for rule in _RULES))
     told = jnp.asarray(_told(11, (1.0, 1.5, 1.5)))
-    sent, bits = map(np.asarray, _limit(rules, init_limiter(jnp.zeros(_LANES, jnp.float32)), told))
+    sent, bits = map(np.asarray, _limit(rules, init_limiter(released(jnp.zeros(_LANES, jnp.float32))), told))
     return {"sha256": _digest(sent, bits), "bits_set": _counts(bits)}
 
 
@@ -108,7 +106,7 @@ def skid_limiter_digest() -> dict[str, object]:
     rules = SkidLimiterRules(*(jnp.float32(rule) for rule in _SKID_RULES))
     still = jnp.zeros(_LANES, jnp.float32)
     told = jnp.asarray(_told(12, (1.0, 1.0, 1.0, 0.5)))
-    sent, bits = map(np.asarray, _limit_skid(rules, init_skid_limiter(still, still, still), told))
+    sent, bits = map(np.asarray, _limit_skid(rules, init_limiter(SkidCommand(still, still, still, still)), told))
     return {
         "sha256": _digest(np.round(sent.astype(np.float64) * 1e5).astype(np.int64), bits),
         "bits_set": _counts(bits),

@@ -25,6 +25,7 @@ from lgprjax.autopilot import (
     init_limiter,
     init_wheel_sensors,
     limit_while_engaged,
+    released,
     step_pedal_watch,
     step_wheel_sensors,
 )
@@ -114,7 +115,9 @@ class _Numbers(NamedTuple):
 
 
 @jax.jit
-def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[LimiterState, Float[Array, " result"]]:
+def _limited(
+    state: LimiterState[Command], numbers: Float[Array, " number"]
+) -> tuple[LimiterState[Command], Float[Array, " result"]]:
     told, yes = named_numbers(_Numbers, numbers)
     state, bits = limit_while_engaged(
         _RULES._replace(largest_front_rad=told.largest_rad),
@@ -123,7 +126,7 @@ def _limited(state: LimiterState, numbers: Float[Array, " number"]) -> tuple[Lim
         told.age_s,
         told.step_s,
         engaged=yes.engaged,
-        front_rad=told.measured_rad,
+        measured=released(told.measured_rad),
     )
     return state, jnp.stack([*state.last, bits.astype(jnp.float32)])
 
@@ -205,7 +208,7 @@ class ManoeuvreKind:
         self._sensed, self._now_ns = NOTHING_SENSED, 0
         self._bits, self._front = Watch(0), math.nan
         self._sent = SentCommand(0.0, 0.0, 0.0, 0)
-        self._limiter = init_limiter(jnp.float32(0.0))
+        self._limiter = init_limiter(released(jnp.float32(0.0)))
         self._result = (0.0, 0.0, 0.0, 0.0)
         self._began: tuple[float, LocalPosition | None] | None = None
 
