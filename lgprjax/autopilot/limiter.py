@@ -61,7 +61,8 @@ class LimiterState(NamedTuple, Generic[AnyCommand]):
 
 def init_limiter(command: AnyCommand) -> LimiterState[AnyCommand]:
     """State after a good command: the vehicle as it is."""
-    no = jnp.zeros_like(command[0], jnp.bool_)
+    first, *_ = command
+    no = jnp.zeros_like(first, jnp.bool_)
     return LimiterState(command, no, no)
 
 
@@ -106,7 +107,6 @@ def limit_while_engaged(
     command: AnyCommand,
     age_s: Float[Array, "..."],
     step_s: Float[Array, "..."],
-    *,
     engaged: Bool[Array, "..."],
     measured: AnyCommand,
 ) -> tuple[LimiterState[AnyCommand], Int32[Array, "..."]]:

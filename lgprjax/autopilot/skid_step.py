@@ -395,8 +395,8 @@ def step_skid(
         wanted,
         orders.age_s,
         step_s,
-        engaged=orders.engaged,
-        measured=SkidCommand(measured.left_mps, measured.right_mps, jnp.zeros_like(speed), setup.depth_m),
+        orders.engaged,
+        SkidCommand(measured.left_mps, measured.right_mps, jnp.zeros_like(speed), setup.depth_m),
     )
     sent = WheelSpeeds(limiter.last.left_mps, limiter.last.right_mps)
     pulses = settle_pulses(setup.threshold_mps, pulses, requested, sent, step_s)

@@ -197,8 +197,8 @@ def step_autopilot(
         command,
         inputs.age_s,
         step_s,
-        engaged=engaged,
-        measured=released(inputs.front_rad),
+        engaged,
+        released(inputs.front_rad),
     )
     info = AutopilotInfo(plan, limited, jnp.where(stops, 0.0, wanted), reachable, ahead_m)
     return AutopilotState(planner, velocity, limiter, middle), limiter.last, info

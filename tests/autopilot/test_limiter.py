@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int32
 
 from lgprjax.autopilot import (
     Command,
+    CommandRules,
     Limited,
     LimiterRules,
     LimiterState,
@@ -202,7 +203,7 @@ def test_not_engaged_the_limiter_follows_the_wheels_as_far_as_they_are_measured(
 
     def after(engaged: jax.Array, measured_rad: float) -> tuple[LimiterState[Command], int]:
         measured = released(jnp.float32(measured_rad))
-        found, bits = limit_while_engaged(rules, state, wanted, age, step, engaged=engaged, measured=measured)
+        found, bits = limit_while_engaged(rules, state, wanted, age, step, engaged, measured)
         return found, int(bits)
 
     followed, bits = after(no, 0.375)
@@ -214,3 +215,11 @@ def test_not_engaged_the_limiter_follows_the_wheels_as_far_as_they_are_measured(
     failed, bits = after(~no, 0.375)
     assert [float(part) for part in failed.last] == [0.109375, 0.0, 0.25]
     assert (bool(failed.failed), Limited(bits)) == (True, Limited.MANUAL_REQUESTED)
+
+
+def test_rules_of_any_vehicle_are_an_age_and_two_functions() -> None:
+    """What a new vehicle must bring: the age is read as a value, as the field of a record is."""
+    members = {name: value for name, value in vars(CommandRules).items() if not name.startswith("_")}
+    assert set(members) == {"oldest_s", "within", "default"}
+    assert isinstance(members["oldest_s"], property)
+    assert "oldest_s" in LimiterRules._fields

@@ -125,8 +125,8 @@ def _limited(
         Command(told.front_rad, told.throttle, told.brake),
         told.age_s,
         told.step_s,
-        engaged=yes.engaged,
-        measured=released(told.measured_rad),
+        yes.engaged,
+        released(told.measured_rad),
     )
     return state, jnp.stack([*state.last, bits.astype(jnp.float32)])
 
