@@ -18,7 +18,7 @@ _OFFLINE = (
     "simulation",
     "tuning",
 )
-_ON_BOARD = ("worker", "simulated_run", "simulated", "lockstep")  # a worker process; parts of `lgprjax run`
+_ON_BOARD = ("worker", "lock_step")  # a worker process; a part of `lgprjax run`
 _PROGRAM = """
 import importlib, sys
 for name in sys.argv[1].split():

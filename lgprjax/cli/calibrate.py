@@ -19,9 +19,9 @@ from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, counted, say, v
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.cli.lockstep import LockStep
     from lgprjax.formats import VehicleFile
     from lgprjax.runtime.config import RuntimeConfig
+    from lgprjax.simulation.lock_step import LockStep
     from lgprjax.tuning.studies.calibration import CalibrationStep, FittedStep
 
 _JUDGE_S = 10.0
@@ -148,11 +148,11 @@ class Calibrate:
     def _drive(self, step: "CalibrationStep", config: "RuntimeConfig", folder: Path) -> bool:
         """Record the manoeuvre of a step as ``STEP.drive.h5``; whether its recording suffices."""
         from lgprjax.cli.run import in_lock_step, supervised
-        from lgprjax.cli.simulated import course_spec
         from lgprjax.formats import read_run
         from lgprjax.runtime.config import read_config, write_config
         from lgprjax.runtime.drive_log import drive_of_run
         from lgprjax.runtime.supervisor import make_rings_folder
+        from lgprjax.simulation.run_setup import course_spec
 
         for line in step.prompt:
             say(f"  {line}")

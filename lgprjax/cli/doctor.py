@@ -25,14 +25,12 @@ class Doctor:
 
     def run(self) -> int:
         """Check; status 1 if something that every command needs is missing or wrong."""
-        from lgprjax.cli.installation import look_at_machine, look_at_packages
+        from lgprjax.cli.installation import look_at_machine, look_at_onboard, look_at_packages
 
         check_outputs(self.json, force=self.force)
         with working("checking"):
             findings = [*look_at_packages(), *look_at_machine()]
         if self.onboard:
-            from lgprjax.cli.real_time import look_at_onboard
-
             with working("simulating a course of 60 m and registering its scans"):
                 findings += look_at_onboard()
         table = Table("item", "found", "verdict")

@@ -243,3 +243,27 @@ def _environment() -> list[InstallationFinding]:
         advice = "" if usable else "not writable: every command compiles its programs again"
         findings.append(InstallationFinding("JAX_COMPILATION_CACHE_DIR", cache, "good" if usable else "look", advice))
     return findings
+
+
+# Whether this machine runs the onboard registration, for ``lgprjax doctor --onboard``.
+
+_SPARE = 1.5
+"""Required reserve of the search alone: control loop, recorder and simulated devices run at the same time."""
+
+
+def look_at_onboard() -> list[InstallationFinding]:
+    """Whether this machine registers 126 scans per second and keeps real time."""
+    from lgprjax.simulation import real_time
+
+    scans_hz = real_time.measure_search()
+    found = f"{scans_hz:.0f} scans per second registered, {real_time.SCANS_HZ:.0f} required"
+    if scans_hz >= _SPARE * real_time.SCANS_HZ:
+        search = InstallationFinding("onboard registration", found, "good")
+    else:
+        least = (
+            f"{_SPARE * real_time.SCANS_HZ:.0f} leave a reserve; a longer radar.scan_period_us reduces the scan rate"
+        )
+        search = InstallationFinding("onboard registration", found, "look", least)
+    kept = real_time.measure_real_time()
+    advice = "" if kept.keeps else "stop other programs; lgprjax run --simulate uses simulated time (lock step)"
+    return [search, InstallationFinding("real time", kept.line, "good" if kept.keeps else "look", advice)]

@@ -21,8 +21,8 @@ from lgprjax.cli.terminal import BAD_INPUT, UsageError, console, counted, progre
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from lgprjax.cli.lockstep import LockStep
     from lgprjax.runtime.config import RuntimeConfig
+    from lgprjax.simulation.lock_step import LockStep
 
 _RECEIVERS, _PAGE = ("pynmeagps", "pyubx2"), ("starlette", "uvicorn", "websockets")
 
@@ -190,19 +190,18 @@ class Run:
         return BAD_INPUT if found.differing or not found.ticks else 0
 
     def _simulate(self, config: "RuntimeConfig") -> int:
-        from lgprjax.cli.real_time import ended_when_over
-        from lgprjax.cli.simulated import (
+        from lgprjax.report import draw_timing
+        from lgprjax.runtime.preflight import check_recordable
+        from lgprjax.simulation.real_time import ended_when_over
+        from lgprjax.simulation.run_figures import field_figures, figures_of, read_records, timing_of
+        from lgprjax.simulation.run_setup import (
             check_before,
             course_spec,
             devices,
-            field_figures,
             field_spec,
             prepare_course,
             prepare_field,
         )
-        from lgprjax.cli.simulated_run import figures_of, print_figures, read_records, timing_of
-        from lgprjax.report import draw_timing
-        from lgprjax.runtime.preflight import check_recordable
 
         table = config.simulation
         if table is None:
@@ -242,7 +241,7 @@ class Run:
             with devices(spec, folder) as addresses:
                 driven = with_addresses(folder, config, addresses)
                 leaves_error = any(line.get("button") == "override" for line in table.script)
-                ends = nullcontext() if records else ended_when_over(folder, leaves_error=leaves_error)
+                ends = nullcontext() if records else ended_when_over(folder, say, leaves_error=leaves_error)
                 with ends as all_ready:
                     status = supervised(driven, folder, self.for_s, all_ready)
             if status:
@@ -266,6 +265,78 @@ class Run:
         return _conclude(folder)
 
 
+_SHOWN: tuple[tuple[str, str, float, tuple[str, ...]], ...] = (
+    ("control ticks", "{:.0f}", 1.0, ("ticks",)),
+    ("control period, median", "{:.1f} ms", 1.0, ("period_p50_ms",)),
+    (
+        "control period: p99, p99.9, max",
+        "{:.1f} ms",
+        1.0,
+        ("period_p99_ms", "period_p99_9_ms", "period_largest_ms"),
+    ),
+    ("scans: received, registered", "{:.0f}", 1.0, ("scans", "searched")),
+    ("scans: missed while tracking", "{:.0f}", 1.0, ("missed_scans",)),
+    ("longest gap between fixes", "{:.0f} scans", 1.0, ("largest_gap_scans",)),
+    ("longest queue", "{:.0f} scans", 1.0, ("most_waiting",)),
+    ("ok fixes, share of search stops", "{:.2f} %", 100.0, ("ok_share",)),
+    ("scan to command, median", "{:.1f} ms", 1.0, ("scan_to_command_p50_ms",)),
+    ("scan to command: p99, max", "{:.1f} ms", 1.0, ("scan_to_command_p99_ms", "scan_to_command_largest_ms")),
+    ("memory of all processes", "{:.0f} MB", 1.0, ("memory_mb",)),
+    ("memory growth in the second half", "{:.0f} MB/h", 1.0, ("memory_growth_mb_per_h",)),
+    ("simulated devices: processor time, rendering", "{:.1f} s", 1.0, ("devices_cpu_s", "devices_render_s")),
+    ("simulated devices: share of one core", "{:.1f} %", 100.0, ("devices_cpu_share",)),
+    ("simulated devices: late ticks", "{:.0f}", 1.0, ("devices_late_ticks",)),
+    ("distance engaged", "{:.1f} m", 1.0, ("engaged_way_m",)),
+    ("cross-track error from the baseline: RMS, max", "{:.1f} cm", 100.0, ("tracking_rms_m", "tracking_largest_m")),
+    ("distance within 1 ft of the baseline", "{:.2f} %", 100.0, ("within_foot",)),
+    ("swaths: planned, completed", "{:.0f}", 1.0, ("passes", "passes_driven")),
+    ("operator overrides", "{:.0f}", 1.0, ("times_taken_over",)),
+    ("distance to go", "{:.1f} m", 1.0, ("to_go_m",)),
+    ("time with a GNSS position", "{:.1f} %", 100.0, ("share_fixed",)),
+    ("position error with GNSS: RMS", "{:.1f} cm", 100.0, ("position_rms_fixed_m",)),
+    ("position error: RMS, max", "{:.1f} cm", 100.0, ("position_rms_m", "position_largest_m")),
+    ("cross-track error with GNSS: RMS", "{:.1f} cm", 100.0, ("cross_track_rms_fixed_m",)),
+    ("cross-track error: RMS, max", "{:.1f} cm", 100.0, ("cross_track_rms_m", "cross_track_largest_m")),
+    ("heading error: RMS, max", "{:.2f}°", 1.0, ("heading_rms_deg", "heading_largest_deg")),
+    (
+        "squared error over variance: x, y, yaw",
+        "{:.2f}",
+        1.0,
+        tuple(f"squared_error_over_variance_{name}" for name in ("x", "y", "yaw")),
+    ),
+    (
+        "share of the field at 95 %: processed, not processed",
+        "{:.1f} %",
+        100.0,
+        ("worked_share_95", "not_worked_share_95"),
+    ),
+)
+"""Rows of the table: label, number format, factor, names of the figures."""
+
+
+def figure_rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """Labels and values with units, of the figures that the run has."""
+    from lgprjax.autopilot import Mode
+
+    rows = []
+    for words, form, scale, names in _SHOWN:
+        found = [figures[name] for name in names if name in figures]
+        if found:
+            rows.append((words, ", ".join(form.format(scale * value) for value in found)))
+    modes = figures.get("modes", {})
+    ticks = max(sum(modes.values()), 1)
+    shares = [f"{Mode(int(mode)).name} {100.0 * count / ticks:.1f} %" for mode, count in modes.items()]
+    return [*rows, ("share of time per mode", ", ".join(shares))] if shares else rows
+
+
+def print_figures(figures: dict[str, Any], folder: Path) -> None:
+    """Print as a table."""
+    table = Table("simulated run", "value", title=str(folder))
+    for row in figure_rows(figures):
+        table.add_row(*row)
+    console.print(table, highlight=False, markup=False)
+
+
 def in_lock_step(
     config: "RuntimeConfig",
     spec: "dict[str, Any]",
@@ -285,8 +356,8 @@ def in_lock_step(
     import shutil
     from contextlib import ExitStack
 
-    from lgprjax.cli.lockstep import LockStep, page_beside
     from lgprjax.runtime.supervisor import make_rings_folder
+    from lgprjax.simulation.lock_step import LockStep, page_beside
 
     written = folder / "devices.json"
     written.write_text(_json.dumps(spec | {"ports": "", "truth": ""}, indent=1), encoding="utf-8")
@@ -322,7 +393,7 @@ def with_addresses(folder: Path, config: "RuntimeConfig", addresses: dict[str, s
 
 def keeps_real_time() -> bool:
     """Whether this machine keeps real time now, measured for a second; prints a line if it does not."""
-    from lgprjax.cli.real_time import measure_real_time
+    from lgprjax.simulation.real_time import measure_real_time
 
     with working("measuring whether this machine keeps real time"):
         found = measure_real_time()

@@ -143,8 +143,8 @@ def _drive(folder: Path, config: Path) -> Driven:
 
 def wrong_fixes(folder: Path, name: str, beyond_m: float = 0.3) -> tuple[int, int]:
     """Accepted fixes of a run that are farther than this from the truth, and accepted fixes in all."""
-    from lgprjax.cli.simulated_run import read_records
     from lgprjax.registration import Code
+    from lgprjax.simulation.run_figures import read_records
 
     (made,) = (folder / name).iterdir()
     fixes = read_records(made).fixes

@@ -10,9 +10,10 @@ import pytest
 
 from canon.commands import succeed
 from formats.run_log_sample import head_bytes, record_bytes
-from lgprjax.cli import real_time
-from lgprjax.cli.lockstep import Progress
-from lgprjax.cli.real_time import RealTime, RunWatch, StuckWatch, look_at_onboard, measure_real_time
+from lgprjax.cli.installation import look_at_onboard
+from lgprjax.simulation import real_time
+from lgprjax.simulation.lock_step import Progress
+from lgprjax.simulation.real_time import RealTime, RunWatch, StuckWatch, measure_real_time
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from canon.commands import run, succeed
 from canon.first_day import first_day, wrong_fixes
 from canon.map import built_with_many_grounds
 from canon.shared import shared_folder
-from lgprjax.cli.simulated_run import _SHOWN
+from lgprjax.cli.run import _SHOWN
 from lgprjax.formats import VehicleLog
 from lgprjax.machine import count_compiles
 

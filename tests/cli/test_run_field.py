@@ -9,7 +9,7 @@ import pytest
 
 from canon.commands import run, succeed
 from cli.processes import ROOT, lgprjax, quick
-from lgprjax.cli.simulated_run import _SHOWN
+from lgprjax.cli.run import _SHOWN
 from lgprjax.formats import read_cover_plan, read_run
 from lgprjax.run_records import RecordKind, unpack
 from lgprjax.runtime.smoothed import smooth_run

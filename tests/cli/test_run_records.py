@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgprjax.cli.simulated_run import read_records, timing_of
 from lgprjax.run_records import FIX, PLAN, Record, RecordKind, Source, pack
+from lgprjax.simulation.run_figures import read_records, timing_of
 
 MS = 1_000_000
 RADAR_SCAN = bytes([0, 0, 0, 0x12])

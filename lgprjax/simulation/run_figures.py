@@ -1,17 +1,16 @@
 """Evaluation of a simulated run: true poses of the devices against the recording of the runtime."""
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from rich.table import Table
-
-from lgprjax.cli.terminal import console
 
 if TYPE_CHECKING:
     from lgprjax.report import TimingPicture
+    from lgprjax.runtime.config import RuntimeConfig
 
 
 # Latency from scan to command in the recording of a run.
@@ -207,73 +206,122 @@ def _against_truth(path: Path, plan_ns: Int[np.ndarray, " plan"], modes: Int[np.
     return figures
 
 
-_SHOWN: tuple[tuple[str, str, float, tuple[str, ...]], ...] = (
-    ("control ticks", "{:.0f}", 1.0, ("ticks",)),
-    ("control period, median", "{:.1f} ms", 1.0, ("period_p50_ms",)),
-    (
-        "control period: p99, p99.9, max",
-        "{:.1f} ms",
-        1.0,
-        ("period_p99_ms", "period_p99_9_ms", "period_largest_ms"),
-    ),
-    ("scans: received, registered", "{:.0f}", 1.0, ("scans", "searched")),
-    ("scans: missed while tracking", "{:.0f}", 1.0, ("missed_scans",)),
-    ("longest gap between fixes", "{:.0f} scans", 1.0, ("largest_gap_scans",)),
-    ("longest queue", "{:.0f} scans", 1.0, ("most_waiting",)),
-    ("ok fixes, share of search stops", "{:.2f} %", 100.0, ("ok_share",)),
-    ("scan to command, median", "{:.1f} ms", 1.0, ("scan_to_command_p50_ms",)),
-    ("scan to command: p99, max", "{:.1f} ms", 1.0, ("scan_to_command_p99_ms", "scan_to_command_largest_ms")),
-    ("memory of all processes", "{:.0f} MB", 1.0, ("memory_mb",)),
-    ("memory growth in the second half", "{:.0f} MB/h", 1.0, ("memory_growth_mb_per_h",)),
-    ("simulated devices: processor time, rendering", "{:.1f} s", 1.0, ("devices_cpu_s", "devices_render_s")),
-    ("simulated devices: share of one core", "{:.1f} %", 100.0, ("devices_cpu_share",)),
-    ("simulated devices: late ticks", "{:.0f}", 1.0, ("devices_late_ticks",)),
-    ("distance engaged", "{:.1f} m", 1.0, ("engaged_way_m",)),
-    ("cross-track error from the baseline: RMS, max", "{:.1f} cm", 100.0, ("tracking_rms_m", "tracking_largest_m")),
-    ("distance within 1 ft of the baseline", "{:.2f} %", 100.0, ("within_foot",)),
-    ("swaths: planned, completed", "{:.0f}", 1.0, ("passes", "passes_driven")),
-    ("operator overrides", "{:.0f}", 1.0, ("times_taken_over",)),
-    ("distance to go", "{:.1f} m", 1.0, ("to_go_m",)),
-    ("time with a GNSS position", "{:.1f} %", 100.0, ("share_fixed",)),
-    ("position error with GNSS: RMS", "{:.1f} cm", 100.0, ("position_rms_fixed_m",)),
-    ("position error: RMS, max", "{:.1f} cm", 100.0, ("position_rms_m", "position_largest_m")),
-    ("cross-track error with GNSS: RMS", "{:.1f} cm", 100.0, ("cross_track_rms_fixed_m",)),
-    ("cross-track error: RMS, max", "{:.1f} cm", 100.0, ("cross_track_rms_m", "cross_track_largest_m")),
-    ("heading error: RMS, max", "{:.2f}°", 1.0, ("heading_rms_deg", "heading_largest_deg")),
-    (
-        "squared error over variance: x, y, yaw",
-        "{:.2f}",
-        1.0,
-        tuple(f"squared_error_over_variance_{name}" for name in ("x", "y", "yaw")),
-    ),
-    (
-        "share of the field at 95 %: processed, not processed",
-        "{:.1f} %",
-        100.0,
-        ("worked_share_95", "not_worked_share_95"),
-    ),
-)
-"""Rows of the table: label, number format, factor, names of the figures."""
+# Figures of a run in a field.
+
+_SPEED = 4
 
 
-def figure_rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
-    """Labels and values with units, of the figures that the run has."""
-    from lgprjax.autopilot import Mode
+def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
+    """Figures of a run: true poses of the simulated devices against the recording of the runtime.
 
-    rows = []
-    for words, form, scale, names in _SHOWN:
-        found = [figures[name] for name in names if name in figures]
-        if found:
-            rows.append((words, ", ".join(form.format(scale * value) for value in found)))
-    modes = figures.get("modes", {})
-    ticks = max(sum(modes.values()), 1)
-    shares = [f"{Mode(int(mode)).name} {100.0 * count / ticks:.1f} %" for mode, count in modes.items()]
-    return [*rows, ("share of time per mode", ", ".join(shares))] if shares else rows
+    Tracking and estimation errors are evaluated while the plan is driven.
+
+    Raises:
+        InputError: a file of the run cannot be used.
+    """
+    from lgprjax.formats import read_run
+    from lgprjax.run_records import COVER, SKID_PLAN, RecordKind, unpack
+    from lgprjax.runtime.control.skid.setup import load_skid
+
+    ticks: list[int] = []
+    plans: list[tuple[int, np.void]] = []
+    covers: list[tuple[int, np.void]] = []
+    for _, data in read_run(folder):
+        record = unpack(data)
+        if record.kind is RecordKind.TICK:
+            ticks.append(record.mono_ns)
+        elif record.kind is RecordKind.SKID_PLAN:
+            plans.append((record.mono_ns, np.frombuffer(record.payload, SKID_PLAN)[0]))
+        elif record.kind is RecordKind.COVER:
+            covers.append((record.mono_ns, np.frombuffer(record.payload, COVER)[0]))
+    figures: dict[str, Any] = {"ticks": len(ticks)}
+    period = np.diff(np.array(ticks, np.float64)) / 1e6
+    if len(period):
+        shares = (("p50", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("largest", 100.0))
+        figures |= {f"period_{name}_ms": float(np.percentile(period, share)) for name, share in shares}
+    if not plans:
+        return figures
+    rows = np.array([row for _, row in plans], SKID_PLAN)
+    figures["modes"] = {str(mode): int(np.sum(rows["mode"] == mode)) for mode in np.unique(rows["mode"])}
+    drives = rows["mode"] == _SPEED
+    loaded = load_skid(config)
+    figures["passes"], figures["passes_driven"] = loaded.lines, _passes(rows, drives)
+    figures["times_taken_over"] = int(np.sum(np.diff(drives.astype(int)) == -1))
+    # The vehicle passes the end by some centimetres.
+    figures["to_go_m"] = max(float(rows["to_go_m"][drives][-1]), 0.0) if drives.any() else math.nan
+    truth = folder / "truth.npz"
+    if truth.exists() and drives.any():
+        times_ns = np.array([time_ns for time_ns, _ in plans])
+        figures |= _field_against_truth(truth, times_ns[drives], rows[drives])
+    if covers and loaded.name is not None:
+        figures |= _worked(config, covers)
+    return figures
 
 
-def print_figures(figures: dict[str, Any], folder: Path) -> None:
-    """Print as a table."""
-    table = Table("simulated run", "value", title=str(folder))
-    for row in figure_rows(figures):
-        table.add_row(*row)
-    console.print(table, highlight=False, markup=False)
+def _passes(rows: np.ndarray, drives: np.ndarray) -> int:
+    """Number of swaths driven to their end."""
+    lines = rows["line"][drives & (rows["line"] >= 0)]
+    if not len(lines):
+        return 0
+    ended = bool(rows["to_go_m"][drives][-1] < 1.0)
+    return len(np.unique(lines)) - (0 if ended else 1)
+
+
+def _field_against_truth(path: Path, times_ns: np.ndarray, rows: np.ndarray) -> dict[str, float]:
+    with np.load(path) as truth:
+        at = {name: np.interp(times_ns, truth["mono_ns"], truth[name]) for name in ("x_m", "y_m", "yaw_rad")}
+        fixed = np.interp(times_ns, truth["mono_ns"], truth["gnss_on"]) > 0.5
+        told = {f"devices_{name}": float(truth[name]) for name in ("cpu_share", "late_ticks") if name in truth}
+    pose = rows["pose"]
+    off = pose[:, :2] - np.stack([at["x_m"], at["y_m"]], axis=1)
+    turned = np.degrees((pose[:, 2] - at["yaw_rad"] + np.pi) % (2.0 * np.pi) - np.pi)
+    # To the left of travel: the route's own direction is the estimate's minus its error.
+    way = pose[:, 2] - rows["heading_error_rad"]
+    cross = rows["cross_m"] - (np.cos(way) * off[:, 1] - np.sin(way) * off[:, 0])
+    line = rows["line"] >= 0
+    nees = (
+        np.concatenate([off, np.radians(turned)[:, None]], axis=1) ** 2 / np.maximum(rows["sigma"], 1e-9) ** 2
+    ).mean(axis=0)
+    figures = {
+        "position_rms_fixed_m": _rms(np.hypot(*off[fixed].T)),
+        "position_rms_m": _rms(np.hypot(*off.T)),
+        "position_largest_m": float(np.hypot(*off.T).max()),
+        "cross_track_rms_fixed_m": _rms(cross[line & fixed]),
+        "cross_track_rms_m": _rms(cross[line]),
+        "cross_track_largest_m": float(np.abs(cross[line]).max()) if line.any() else math.nan,
+        "heading_rms_deg": _rms(turned),
+        "heading_largest_deg": float(np.abs(turned).max()),
+        "share_fixed": float(np.mean(fixed)),
+    }
+    squares = {
+        f"squared_error_over_variance_{name}": float(value) for name, value in zip(("x", "y", "yaw"), nees, strict=True)
+    }
+    return {**figures, **squares, **told}
+
+
+def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dict[str, float]:
+    """Share of the field processed at 95 %, by the rule of the coverage map, earlier runs included."""
+    from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
+    from lgprjax.coverage.field import Field
+    from lgprjax.runtime.control.skid.setup import load_skid
+    from lgprjax.runtime.coverage.worked_map import WorkedMap
+
+    assert config.coverage is not None
+    loaded = load_skid(config)
+    field = Field(loaded.perimeter_m)
+    grid = grid_of_field(field, config.coverage.cell_m, loaded.setup.tool.width_m)
+    held = WorkedMap(grid, loaded.setup.tool, config.coverage.shared_sigma_m)
+    if loaded.taken_up is not None:
+        held.take_up(loaded.taken_up.grid, loaded.taken_up.probability)
+    for time_ns, cover in covers:
+        held.take(cover, time_ns)
+    inside = inside_cells(field, grid)
+    states = cell_states(held.probability(), 0.95)[inside]
+    return {
+        "worked_share_95": float(np.mean(states == CellState.PROCESSED)),
+        "not_worked_share_95": float(np.mean(states == CellState.NOT_PROCESSED)),
+    }
+
+
+def _rms(values: "Float[np.ndarray, '...']") -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan

@@ -1,4 +1,4 @@
-"""``run --simulate``: create map and route if missing, start the simulated devices."""
+"""A simulated run made ready: map and route, or plan, where they are missing; the devices and their specification."""
 
 import json
 import math
@@ -18,8 +18,6 @@ from lgprjax.config import TableKey
 from lgprjax.errors import InputError
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
-
     from lgprjax.runtime.config import RuntimeConfig, SimulationTable
 
 
@@ -209,11 +207,10 @@ def _addresses(process: "subprocess.Popen[bytes]", ports: Path, told: Path) -> d
     raise InputError(told, "devices", "running simulated devices", lines[-1])
 
 
-# ``run --simulate`` in a field: create a missing plan, start the devices, and evaluate the run.
+# A simulated run in a field: create a missing plan, specify the devices.
 
 _BEHIND_M = 8.0
 """Initial distance of the vehicle from the start of the plan: the straight drive there initialises the heading."""
-_SPEED = 4
 
 
 def prepare_field(config: "RuntimeConfig", table: "SimulationTable") -> None:
@@ -287,119 +284,3 @@ def _script(table: "SimulationTable", start: tuple[float, float]) -> list[dict[s
     """Script with the start of the plan as the default goal of ``drive_to``."""
     place = {"x_m": start[0], "y_m": start[1]}
     return [{**place, **line} if line.get("do") == "drive_to" else line for line in table.script]
-
-
-def field_figures(folder: Path, config: "RuntimeConfig") -> dict[str, Any]:
-    """Figures of a run: true poses of the simulated devices against the recording of the runtime.
-
-    Tracking and estimation errors are evaluated while the plan is driven.
-
-    Raises:
-        InputError: a file of the run cannot be used.
-    """
-    from lgprjax.formats import read_run
-    from lgprjax.run_records import COVER, SKID_PLAN, RecordKind, unpack
-    from lgprjax.runtime.control.skid.setup import load_skid
-
-    ticks: list[int] = []
-    plans: list[tuple[int, np.void]] = []
-    covers: list[tuple[int, np.void]] = []
-    for _, data in read_run(folder):
-        record = unpack(data)
-        if record.kind is RecordKind.TICK:
-            ticks.append(record.mono_ns)
-        elif record.kind is RecordKind.SKID_PLAN:
-            plans.append((record.mono_ns, np.frombuffer(record.payload, SKID_PLAN)[0]))
-        elif record.kind is RecordKind.COVER:
-            covers.append((record.mono_ns, np.frombuffer(record.payload, COVER)[0]))
-    figures: dict[str, Any] = {"ticks": len(ticks)}
-    period = np.diff(np.array(ticks, np.float64)) / 1e6
-    if len(period):
-        shares = (("p50", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("largest", 100.0))
-        figures |= {f"period_{name}_ms": float(np.percentile(period, share)) for name, share in shares}
-    if not plans:
-        return figures
-    rows = np.array([row for _, row in plans], SKID_PLAN)
-    figures["modes"] = {str(mode): int(np.sum(rows["mode"] == mode)) for mode in np.unique(rows["mode"])}
-    drives = rows["mode"] == _SPEED
-    loaded = load_skid(config)
-    figures["passes"], figures["passes_driven"] = loaded.lines, _passes(rows, drives)
-    figures["times_taken_over"] = int(np.sum(np.diff(drives.astype(int)) == -1))
-    # The vehicle passes the end by some centimetres.
-    figures["to_go_m"] = max(float(rows["to_go_m"][drives][-1]), 0.0) if drives.any() else math.nan
-    truth = folder / "truth.npz"
-    if truth.exists() and drives.any():
-        times_ns = np.array([time_ns for time_ns, _ in plans])
-        figures |= _against_truth(truth, times_ns[drives], rows[drives])
-    if covers and loaded.name is not None:
-        figures |= _worked(config, covers)
-    return figures
-
-
-def _passes(rows: np.ndarray, drives: np.ndarray) -> int:
-    """Number of swaths driven to their end."""
-    lines = rows["line"][drives & (rows["line"] >= 0)]
-    if not len(lines):
-        return 0
-    ended = bool(rows["to_go_m"][drives][-1] < 1.0)
-    return len(np.unique(lines)) - (0 if ended else 1)
-
-
-def _against_truth(path: Path, times_ns: np.ndarray, rows: np.ndarray) -> dict[str, float]:
-    with np.load(path) as truth:
-        at = {name: np.interp(times_ns, truth["mono_ns"], truth[name]) for name in ("x_m", "y_m", "yaw_rad")}
-        fixed = np.interp(times_ns, truth["mono_ns"], truth["gnss_on"]) > 0.5
-        told = {f"devices_{name}": float(truth[name]) for name in ("cpu_share", "late_ticks") if name in truth}
-    pose = rows["pose"]
-    off = pose[:, :2] - np.stack([at["x_m"], at["y_m"]], axis=1)
-    turned = np.degrees((pose[:, 2] - at["yaw_rad"] + np.pi) % (2.0 * np.pi) - np.pi)
-    # To the left of travel: the route's own direction is the estimate's minus its error.
-    way = pose[:, 2] - rows["heading_error_rad"]
-    cross = rows["cross_m"] - (np.cos(way) * off[:, 1] - np.sin(way) * off[:, 0])
-    line = rows["line"] >= 0
-    nees = (
-        np.concatenate([off, np.radians(turned)[:, None]], axis=1) ** 2 / np.maximum(rows["sigma"], 1e-9) ** 2
-    ).mean(axis=0)
-    figures = {
-        "position_rms_fixed_m": _rms(np.hypot(*off[fixed].T)),
-        "position_rms_m": _rms(np.hypot(*off.T)),
-        "position_largest_m": float(np.hypot(*off.T).max()),
-        "cross_track_rms_fixed_m": _rms(cross[line & fixed]),
-        "cross_track_rms_m": _rms(cross[line]),
-        "cross_track_largest_m": float(np.abs(cross[line]).max()) if line.any() else math.nan,
-        "heading_rms_deg": _rms(turned),
-        "heading_largest_deg": float(np.abs(turned).max()),
-        "share_fixed": float(np.mean(fixed)),
-    }
-    squares = {
-        f"squared_error_over_variance_{name}": float(value) for name, value in zip(("x", "y", "yaw"), nees, strict=True)
-    }
-    return {**figures, **squares, **told}
-
-
-def _worked(config: "RuntimeConfig", covers: "list[tuple[int, np.void]]") -> dict[str, float]:
-    """Share of the field processed at 95 %, by the rule of the coverage map, earlier runs included."""
-    from lgprjax.coverage import CellState, cell_states, grid_of_field, inside_cells
-    from lgprjax.coverage.field import Field
-    from lgprjax.runtime.control.skid.setup import load_skid
-    from lgprjax.runtime.coverage.worked_map import WorkedMap
-
-    assert config.coverage is not None
-    loaded = load_skid(config)
-    field = Field(loaded.perimeter_m)
-    grid = grid_of_field(field, config.coverage.cell_m, loaded.setup.tool.width_m)
-    held = WorkedMap(grid, loaded.setup.tool, config.coverage.shared_sigma_m)
-    if loaded.taken_up is not None:
-        held.take_up(loaded.taken_up.grid, loaded.taken_up.probability)
-    for time_ns, cover in covers:
-        held.take(cover, time_ns)
-    inside = inside_cells(field, grid)
-    states = cell_states(held.probability(), 0.95)[inside]
-    return {
-        "worked_share_95": float(np.mean(states == CellState.PROCESSED)),
-        "not_worked_share_95": float(np.mean(states == CellState.NOT_PROCESSED)),
-    }
-
-
-def _rms(values: "Float[np.ndarray, '...']") -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan

@@ -7,7 +7,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -16,8 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from lgprjax.autopilot import Mode
-from lgprjax.cli.installation import InstallationFinding
-from lgprjax.cli.terminal import say
 from lgprjax.run_segment import segments_of
 from lgprjax.runtime.timeline import read_timeline
 
@@ -185,11 +183,12 @@ class StuckWatch:
 
 
 @contextmanager
-def ended_when_over(folder: Path, *, leaves_error: bool) -> Iterator[threading.Event]:
+def ended_when_over(folder: Path, say: Callable[[str], None], *, leaves_error: bool) -> Iterator[threading.Event]:
     """End this process, as Ctrl-C does, soon after arrival, or when arrival has become impossible.
 
     Args:
         folder: folder of the run.
+        say: takes the reason of an early end.
         leaves_error: see ``StuckWatch``.
 
     Yields:
@@ -219,26 +218,10 @@ def ended_when_over(folder: Path, *, leaves_error: bool) -> Iterator[threading.E
         thread.join()
 
 
-# The search of registration itself, for ``lgprjax doctor --onboard``.
+# The search of registration itself.
 
 SCANS_HZ = 126.0
 """Scans per second of an array on board."""
-_SPARE = 1.5
-"""Required reserve of the search alone: control loop, recorder and simulated devices run at the same time."""
-
-
-def look_at_onboard() -> list[InstallationFinding]:
-    """Whether this machine registers 126 scans per second and keeps real time."""
-    scans_hz = measure_search()
-    found = f"{scans_hz:.0f} scans per second registered, {SCANS_HZ:.0f} required"
-    if scans_hz >= _SPARE * SCANS_HZ:
-        search = InstallationFinding("onboard registration", found, "good")
-    else:
-        least = f"{_SPARE * SCANS_HZ:.0f} leave a reserve; a longer radar.scan_period_us reduces the scan rate"
-        search = InstallationFinding("onboard registration", found, "look", least)
-    kept = measure_real_time()
-    advice = "" if kept.keeps else "stop other programs; lgprjax run --simulate uses simulated time (lock step)"
-    return [search, InstallationFinding("real time", kept.line, "good" if kept.keeps else "look", advice)]
 
 
 def measure_search(seconds: float = 3.0) -> float:

@@ -1,4 +1,4 @@
-"""``run --simulate --lockstep``: the runtime and its simulated devices in simulated seconds.
+"""One lock step: the runtime and its simulated devices in simulated seconds.
 
 Control loop, registration, port parsers and recording are those of the vehicle, and so are the processes of the
 display page and of the coverage map. The other processes, their ring buffers and threads, and the clock of the computer
