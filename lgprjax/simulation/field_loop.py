@@ -71,6 +71,7 @@ from lgprjax.scene.plant import (
     read_skid_sensors,
     step_skid_plant,
 )
+from lgprjax.simulation.environment import EnvState, init_env, run_env
 from lgprjax.simulation.handover import Handover, init_handover, step_handover
 from lgprjax.vehicle.kinematics import SkidSteer, VehiclePose, WheelSpeeds, wheel_speeds
 
@@ -182,27 +183,30 @@ _DRIVER = 0.3, 0.8, 0.1
 """The driver's steering by the true pose: yaw rate per metre aside and per radian turned, and its limit, rad/s."""
 
 
-class FieldState(NamedTuple):
-    """State of a batch element from tick to tick.
+class FieldPlace(NamedTuple):
+    """Vehicle and sensors of a batch element, as they are.
 
     Attributes:
         track_m: effective track width of the plant.
         plant, sensors: states of plant and sensors.
-        skid: state of the onboard step.
-        command: command for the next tick.
-        handover: state of the handover to the computer.
-        tick: number of ticks passed.
         laws: error laws that differ from the filter's, and their state; ``None``: error laws of the filter.
     """
 
     track_m: Float[Array, ""]
     plant: SkidPlantState
     sensors: SkidSensorState
-    skid: SkidState
-    command: SkidCommand
-    handover: Handover
-    tick: Int[Array, ""]
     laws: tuple[OtherLaws, LawState] | None = None
+
+
+class FieldOnboard(NamedTuple):
+    """State of the onboard step, and of the handover to the computer."""
+
+    skid: SkidState
+    handover: Handover
+
+
+FieldState = EnvState[FieldPlace, FieldOnboard, SkidCommand]
+"""State of a batch element from tick to tick."""
 
 
 class FieldMoment(NamedTuple):
@@ -282,10 +286,10 @@ def _run_fields(
 ) -> FieldMoment:
     states = jax.vmap(partial(_start, spec, world, route))(keys)
 
+    env = FieldEnvironment(world, route, fence, spec.guidance)
+
     def moment(states: FieldState, number: Int[Array, ""]) -> tuple[FieldState, FieldMoment]:
-        return jax.vmap(lambda state, key: _moment(spec, world, route, fence, state, key))(
-            states, jax.vmap(lambda key: jax.random.fold_in(key, number))(keys)
-        )
+        return jax.vmap(partial(_moment, env))(states, jax.vmap(lambda key: jax.random.fold_in(key, number))(keys))
 
     kept: FieldMoment = lax.scan(moment, states, jnp.arange(spec.moments))[1]
     return kept
@@ -302,96 +306,89 @@ def _start(spec: FieldLoopSpec, world: FieldWorld, route: CoverRoute, key: PRNGK
     laws = None
     if world.largest_base_m is not None:
         laws = draw_other_laws(jax.random.fold_in(key, 1), largest_base_m=world.largest_base_m), init_law_state()
-    return FieldState(
-        track_m=track_m,
-        plant=init_skid_plant(world.plant, pose, plant_key, delay_slots=spec.delay_slots),
-        sensors=init_skid_sensors(world.sensors, pose.yaw_rad, sensor_key),
-        skid=skid,
-        command=skid.limiter.last,
-        handover=init_handover(),
-        tick=jnp.int32(0),
-        laws=laws,
+    place = FieldPlace(
+        track_m,
+        init_skid_plant(world.plant, pose, plant_key, delay_slots=spec.delay_slots),
+        init_skid_sensors(world.sensors, pose.yaw_rad, sensor_key),
+        laws,
     )
+    begin = route_point(route, jnp.float32(0.0))
+    return init_env(place, FieldOnboard(skid, init_handover()), _by_hand(world, begin, pose))
 
 
-def _moment(
-    spec: FieldLoopSpec,
-    world: FieldWorld,
-    route: CoverRoute,
-    fence: Float[Array, "side 2 2"],
-    state: FieldState,
-    key: PRNGKeyArray,
-) -> tuple[FieldState, FieldMoment]:
-    def tick(state: FieldState, key: PRNGKeyArray) -> tuple[FieldState, SkidInfo]:
-        return _tick(spec, world, route, fence, state, key)
-
-    state, infos = lax.scan(tick, state, jax.random.split(key, MOMENT_TICKS))
+def _moment(env: "FieldEnvironment", state: FieldState, key: PRNGKeyArray) -> tuple[FieldState, FieldMoment]:
+    state, infos = run_env(env, state, key, MOMENT_TICKS)
     info: SkidInfo = jax.tree.map(lambda leaf: leaf[-1], infos)
-    return state, _kept(route, state, info)
+    return state, _kept(env.route, state, info)
 
 
-def _tick(
-    spec: FieldLoopSpec,
-    world: FieldWorld,
-    route: CoverRoute,
-    fence: Float[Array, "side 2 2"],
-    state: FieldState,
-    key: PRNGKeyArray,
-) -> tuple[FieldState, SkidInfo]:
-    plant_key, sensor_key = jax.random.split(key)
-    command, begin = state.command, route_point(route, jnp.float32(0.0))
-    engaged, stopping = state.handover
-    by_hand = _by_hand(world, begin, state.plant.pose)
-    told = WheelSpeeds(
-        jnp.where(engaged, command.left_mps, by_hand.left_mps),
-        jnp.where(engaged, command.right_mps, by_hand.right_mps),
-    )
-    held, tick, laws = world.plant._replace(track_m=state.track_m), state.tick + 1, state.laws
-    if laws is None:
-        plant = step_skid_plant(held, state.plant, told, plant_key, TICK_S)
-        sensors, readings = read_skid_sensors(world.sensors, state.sensors, plant, tick, sensor_key, TICK_S)
-    else:
-        tool_on = jnp.where(engaged, command.tool, 0.0)
-        plant = step_other_plant(laws[0], held, state.plant, told, tool_on, plant_key, TICK_S)
-        carried, sensors, readings = read_other_sensors(
-            laws[0], laws[1], world.sensors, state.sensors, plant, tick, sensor_key, TICK_S
+class FieldEnvironment(NamedTuple):
+    """A vehicle in a field, see ``Environment``: it drives by the computer, before by its driver."""
+
+    world: FieldWorld
+    route: CoverRoute
+    fence: Float[Array, "side 2 2"]
+    guidance: Guidance
+
+    def move(
+        self, place: FieldPlace, command: SkidCommand, tick: Int[Array, ""], key: PRNGKeyArray
+    ) -> tuple[FieldPlace, SkidReadings]:
+        """Plant and sensors a tick later."""
+        plant_key, sensor_key = jax.random.split(key)
+        world, laws = self.world, place.laws
+        told = WheelSpeeds(command.left_mps, command.right_mps)
+        held = world.plant._replace(track_m=place.track_m)
+        if laws is None:
+            plant = step_skid_plant(held, place.plant, told, plant_key, TICK_S)
+            sensors, readings = read_skid_sensors(world.sensors, place.sensors, plant, tick, sensor_key, TICK_S)
+        else:
+            plant = step_other_plant(laws[0], held, place.plant, told, command.tool, plant_key, TICK_S)
+            carried, sensors, readings = read_other_sensors(
+                laws[0], laws[1], world.sensors, place.sensors, plant, tick, sensor_key, TICK_S
+            )
+            laws = laws[0], carried
+        return FieldPlace(place.track_m, plant, sensors, laws), readings
+
+    def decide(
+        self, place: FieldPlace, onboard: FieldOnboard, readings: SkidReadings
+    ) -> tuple[FieldOnboard, SkidCommand, SkidInfo]:
+        """The onboard step; the driver engages, and drives until then, by the true pose."""
+        begin, pose = route_point(self.route, jnp.float32(0.0)), place.plant.pose
+        orders = SkidOrders(
+            engaged=onboard.handover.engaged,
+            drives=onboard.handover.engaged,
+            stop=onboard.handover.stopping,
+            speed_cap_mps=jnp.float32(jnp.inf),
+            set_speed_mps=self.world.set_speed_mps,
+            age_s=jnp.float32(0.0),
+            left_mps=readings.left_mps,
+            right_mps=readings.right_mps,
         )
-        laws = laws[0], carried
-    orders = SkidOrders(
-        engaged=engaged,
-        drives=engaged,
-        stop=stopping,
-        speed_cap_mps=jnp.float32(jnp.inf),
-        set_speed_mps=world.set_speed_mps,
-        age_s=jnp.float32(0.0),
-        left_mps=readings.left_mps,
-        right_mps=readings.right_mps,
-    )
-    skid, command, info = step_skid(
-        world.setup, route, fence, state.skid, *_observed(readings), orders, guidance=spec.guidance
-    )
-    apart_m = beside(begin, plant.pose)[0]
-    sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
-    stop = (info.reaction == Reaction.STOP) | info.edge_predicted
-    handover = step_handover(state.handover, sound=sound, stop=stop)
-    return FieldState(
-        track_m=state.track_m,
-        plant=plant,
-        sensors=sensors,
-        skid=skid,
-        command=command,
-        handover=handover,
-        tick=tick,
-        laws=laws,
-    ), info
+        skid, command, info = step_skid(
+            self.world.setup,
+            self.route,
+            self.fence,
+            onboard.skid,
+            *_observed(readings),
+            orders,
+            guidance=self.guidance,
+        )
+        apart_m = beside(begin, pose)[0]
+        sound = info.filter.heading_known & (info.reaction != Reaction.STOP) & (apart_m >= -_ENGAGE_M)
+        stop = (info.reaction == Reaction.STOP) | info.edge_predicted
+        handover = step_handover(onboard.handover, sound=sound, stop=stop)
+        by_hand = _by_hand(self.world, begin, pose)
+        command = jax.tree.map(lambda ours, his: jnp.where(handover.engaged, ours, his), command, by_hand)
+        return FieldOnboard(skid, handover), command, info
 
 
-def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> WheelSpeeds:
-    """The driver's levers while driving to the route's start."""
+def _by_hand(world: FieldWorld, begin: RoutePoint, pose: VehiclePose) -> SkidCommand:
+    """The driver's command while driving to the route's start: levers, tool off."""
     aside, turned, largest = _DRIVER
     _, left_m = beside(begin, pose)
     yaw_rate = -aside * left_m - turned * jnp.sin(pose.yaw_rad - begin.yaw_rad)
-    return wheel_speeds(world.plant.track_m, world.set_speed_mps, jnp.clip(yaw_rate, -largest, largest))
+    wheels = wheel_speeds(world.plant.track_m, world.set_speed_mps, jnp.clip(yaw_rate, -largest, largest))
+    return SkidCommand(*wheels, jnp.zeros_like(yaw_rate), world.setup.depth_m)
 
 
 def _observed(readings: SkidReadings) -> tuple[SkidMotion, SkidObservations]:
@@ -409,27 +406,28 @@ def _observed(readings: SkidReadings) -> tuple[SkidMotion, SkidObservations]:
 
 
 def _kept(route: CoverRoute, state: FieldState, info: SkidInfo) -> FieldMoment:
-    estimate, true = state.skid.filter.estimate, state.plant.pose
+    (skid, handover), (_, plant, _, laws) = state.onboard, state.world
+    estimate, true, sent = skid.filter.estimate, plant.pose, skid.limiter.last
     return FieldMoment(
         true.x_m,
         true.y_m,
         true.yaw_rad,
         skid_pose(estimate),
         skid_pose_covariance(estimate),
-        route_foot(route, state.skid.carrot.arc_m, true).cross_m,
-        state.plant.speed_mps,
-        state.command.right_mps - state.command.left_mps,
-        state.command.tool,
+        route_foot(route, skid.carrot.arc_m, true).cross_m,
+        plant.speed_mps,
+        sent.right_mps - sent.left_mps,
+        sent.tool,
         info.plan.line,
         info.plan.to_go_m,
-        state.skid.filter.gates.since_offered_s[GNSS] < 1.5,
-        *state.handover,
+        skid.filter.gates.since_offered_s[GNSS] < 1.5,
+        *handover,
         info.plan.done,
         info.edge_predicted,
         info.reasons,
         info.limited,
         info.sigma_m,
-        jnp.zeros(2, jnp.float32) if state.laws is None else state.laws[0].tool_m,
+        jnp.zeros(2, jnp.float32) if laws is None else laws[0].tool_m,
     )
 
 
