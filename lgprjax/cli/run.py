@@ -1,6 +1,5 @@
 """``lgprjax run``: the onboard runtime."""
 
-import json as _json
 import math
 import os
 import signal
@@ -201,6 +200,7 @@ class Run:
             field_spec,
             prepare_course,
             prepare_field,
+            with_addresses,
         )
 
         table = config.simulation
@@ -344,51 +344,24 @@ def in_lock_step(
     for_s: float | None,
     over: "Callable[[LockStep], bool] | None" = None,
 ) -> "RuntimeConfig":
-    """Run in simulated time. Returns the configuration of the run.
+    """Run in simulated time and print its progress; arguments as for ``drive_in_lock_step``.
 
-    Args:
-        config: of the run.
-        spec: of the simulated devices.
-        folder: of the run.
-        for_s: simulated seconds after everything is ready.
-        over: function that decides every second of simulated time whether to end the run.
+    Returns the configuration of the run.
     """
-    import shutil
-    from contextlib import ExitStack
+    from lgprjax.simulation.lock_step import drive_in_lock_step
+    from lgprjax.simulation.run_setup import with_addresses
 
-    from lgprjax.runtime.supervisor import make_rings_folder
-    from lgprjax.simulation.lock_step import LockStep, page_beside
-
-    written = folder / "devices.json"
-    written.write_text(_json.dumps(spec | {"ports": "", "truth": ""}, indent=1), encoding="utf-8")
-    lines = dict.fromkeys(("drive_by_wire", "controller", "gnss", "radar"), "/dev/null")
-    driven = with_addresses(folder, config, lines)
-    rings = make_rings_folder()
+    driven = with_addresses(
+        folder, config, dict.fromkeys(("drive_by_wire", "controller", "gnss", "radar"), "/dev/null")
+    )
     say(f"run: {folder}, in simulated time (lock step)")
     say(f"display: http://{config.display.host}:{config.display.port}")
-    with ExitStack() as held:
-        held.callback(shutil.rmtree, rings, ignore_errors=True)
-        page = held.enter_context(page_beside(driven, rings, folder))
-        status = held.enter_context(working("starting"))
-        run = LockStep(driven, written, folder, page)
+    with working("starting") as status:
         try:
-            run.run(for_s, lambda at: status.update(at.line), over)
+            drive_in_lock_step(driven, spec, folder, for_s, lambda at: status.update(at.line), over)
         except KeyboardInterrupt:
             say("interrupted")
-        finally:
-            run.write_truth(folder / "truth.npz")
     return driven
-
-
-def with_addresses(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":
-    """The configuration with the addresses of the devices, in the folder of the run."""
-    from lgprjax.runtime.config import PortsTable, PortTable, read_config, write_config
-
-    file = folder / "simulated.run.toml"
-    used = {name: url for name, url in addresses.items() if getattr(config.ports, name) is not None}
-    ports = PortsTable(**{name: PortTable(url=url) for name, url in used.items()})
-    write_config(file, config.model_copy(update={"ports": ports}))
-    return read_config(file)
 
 
 def keeps_real_time() -> bool:

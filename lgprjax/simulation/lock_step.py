@@ -8,13 +8,14 @@ after its scan. The result does not depend on the speed of the machine.
 
 import json
 import math
+import shutil
 import subprocess
 import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from lgprjax.errors import InputError
 from lgprjax.formats import MapFile, read_vehicle
@@ -36,7 +37,7 @@ from lgprjax.runtime.registration.search import RadarLine, Search
 from lgprjax.runtime.ring import Ring
 from lgprjax.runtime.service import SUPERVISOR
 from lgprjax.runtime.stamps import StampClock
-from lgprjax.runtime.supervisor import child_environment
+from lgprjax.runtime.supervisor import child_environment, make_rings_folder
 from lgprjax.runtime.timeline import Timeline, timeline_of
 from lgprjax.simulation.devices.program import open_spec
 from lgprjax.wire import Frame, FrameParser, FrameVerdict, Receiver, RefusedBytes, draw_session
@@ -441,3 +442,38 @@ def page_beside(config: RuntimeConfig, rings: Path, folder: Path) -> Iterator[Pa
                 process.wait(5.0)
             process.kill()
             process.wait()
+
+
+def drive_in_lock_step(
+    config: RuntimeConfig,
+    spec: dict[str, Any],
+    folder: Path,
+    for_s: float | None,
+    report: Callable[[Progress], None],
+    over: Callable[[LockStep], bool] | None = None,
+) -> None:
+    """Run in simulated time, with the processes of the display page and of the coverage map.
+
+    Recording and true poses are in the folder also after an interruption.
+
+    Args:
+        config: of the run, as written to its folder.
+        spec: of the simulated devices.
+        folder: of the run.
+        for_s: simulated seconds after everything is ready.
+        report: function called with the progress.
+        over: function that decides every second of simulated time whether to end the run.
+
+    Raises:
+        InputError: a file of the configuration, or the spec, cannot be used.
+    """
+    written = folder / "devices.json"
+    written.write_text(json.dumps(spec | {"ports": "", "truth": ""}, indent=1), encoding="utf-8")
+    rings = make_rings_folder()
+    with ExitStack() as held:
+        held.callback(shutil.rmtree, rings, ignore_errors=True)
+        run = LockStep(config, written, folder, held.enter_context(page_beside(config, rings, folder)))
+        try:
+            run.run(for_s, report, over)
+        finally:
+            run.write_truth(folder / "truth.npz")

@@ -207,6 +207,17 @@ def _addresses(process: "subprocess.Popen[bytes]", ports: Path, told: Path) -> d
     raise InputError(told, "devices", "running simulated devices", lines[-1])
 
 
+def with_addresses(folder: Path, config: "RuntimeConfig", addresses: dict[str, str]) -> "RuntimeConfig":
+    """The configuration with the addresses of the devices, in the folder of the run."""
+    from lgprjax.runtime.config import PortsTable, PortTable, read_config, write_config
+
+    file = folder / "simulated.run.toml"
+    used = {name: url for name, url in addresses.items() if getattr(config.ports, name) is not None}
+    ports = PortsTable(**{name: PortTable(url=url) for name, url in used.items()})
+    write_config(file, config.model_copy(update={"ports": ports}))
+    return read_config(file)
+
+
 # A simulated run in a field: create a missing plan, specify the devices.
 
 _BEHIND_M = 8.0
