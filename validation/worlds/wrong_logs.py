@@ -1,14 +1,15 @@
 """Logs that are sure of themselves, and wrong: ``python -m validation.worlds.wrong_logs 6 11 16``.
 
 Attitudes with so much added at a told 0.3 degrees of heading, in windows of 4 m and by default, and odometers that
-miscount by 3 %; on the clear day of worlds, scans after the first 4 m. A few minutes a world.
+miscount by 3 %; on the clear day of worlds, scans after the first 4 m. A few minutes a world. ``--filter causal`` or
+``smoothed``: by the Bayes filter, which has no windows.
 """
 
 import argparse
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from validation.worlds.parameters import World, read_worlds
 ATTITUDES = ((0.0, 0.0, 0.0), (0.2, -6.0, 4.0), (-0.2, 6.0, -4.0), (0.0, 12.0, 0.0))
 """Height in metres, heading and roll in degrees."""
 SCALES = (1.0, 0.97, 1.03)
+Method = Literal["causal", "smoothed"]
 
 
 class Wrong(NamedTuple):
@@ -90,18 +92,20 @@ def judged(drive: RegisteredDrive) -> Wrong:
     )
 
 
-def rows_of(world: World, folder: Path) -> Iterator[tuple[str, Wrong]]:
+def rows_of(world: World, folder: Path, method: Method | None) -> Iterator[tuple[str, Wrong]]:
     """A row a log."""
     ground = ground_of(world, centreline_of(world), "clear")
     passes, live = write_passes(world, ground, folder), write_live(world, ground, "clear", folder)
     del ground
     build_map([drive.path for drive in passes], folder / "ground.map.h5")
-    logs = [("{} m, {}°, {}°".format(*each), turned(*each), window) for window in (4.0, None) for each in ATTITUDES]
+    lengths = (4.0, None) if method is None else (None,)
+    logs = [("{} m, {}°, {}°".format(*each), turned(*each), window) for window in lengths for each in ATTITUDES]
     logs += [(f"odometer × {scale}", miscounting(scale), None) for scale in SCALES]
     for name, led_to, window_m in logs:
         with MapFile.open(folder / "ground.map.h5") as source, DriveLog.open(live.path) as log:
-            found = judged(register_log(source, log, RegisterOptions(window_m=window_m), led_to=led_to))
-        window = "by default" if window_m is None else f"windows of {window_m:g} m"
+            options = RegisterOptions(window_m=window_m, filter=method)
+            found = judged(register_log(source, log, options, led_to=led_to))
+        window = method or "by default" if window_m is None else f"windows of {window_m:g} m"
         yield f"{world.number}, {window}, {name}", found
 
 
@@ -124,13 +128,14 @@ def main() -> None:
     """The program."""
     parser = argparse.ArgumentParser(prog="validation.worlds.wrong_logs")
     parser.add_argument("worlds", type=int, nargs="+")
+    parser.add_argument("--filter", choices=get_args(Method), help="by the Bayes filter")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every figure, and what is asked beside it")
     chosen = parser.parse_args()
     records: list[Record] = []
     for world in read_worlds():
         if world.number in chosen.worlds:
             with tempfile.TemporaryDirectory() as folder:
-                for row, found in rows_of(world, Path(folder)):
+                for row, found in rows_of(world, Path(folder), chosen.filter):
                     records += records_of(row, found)
                     print(row, *(f"{record.value:.4g} {record.unit}" for record in records_of(row, found)), flush=True)
     if chosen.json:
