@@ -18,6 +18,7 @@ from lgprjax.registration.bayes.filter import FilterState, Model, Posterior, Sto
 from lgprjax.registration.bayes.heading import HeadingError
 from lgprjax.registration.bayes.likelihood import RHOS, Likelihood
 from lgprjax.registration.bayes.score import LatticeGround, channel_offsets, lattice_ground, live_components, surfaces
+from lgprjax.registration.estimates import WIDEST
 from lgprjax.registration.judge import RegisterOptions
 from lgprjax.registration.lattice import _heights
 from lgprjax.registration.queries import LiveChain, LiveScans, Stops, rotation
@@ -44,6 +45,9 @@ _WANDER_M = 0.02  # of dead reckoning, per root of a metre
 _LEAP = 0.01  # probability that a step of positions was one of the vehicle
 _LEAP_M, _LEAP_NOISES = 0.1, 6.0
 SMOOTH_M = 2.0  # of travel over which the prior's offset from dead reckoning is estimated
+_WIDEN_M = 4.0
+"""Travel without a place from which on heights far from the log's are searched as well."""
+_FAR_HEIGHTS = 0.1  # of the mass beyond the lattice, on such heights
 _TILE_M = 0.5  # of travel from which on a tile is looked up again
 _DIRECT = 0.5
 
@@ -165,6 +169,7 @@ class DriveFilter:
         self._half_m = options.search_half_m()
         self._tiles: dict[tuple[int, int], LatticeGround] = {}
         self._tile: int | None = None
+        self._widen_at_m, self._apart_m = np.inf, _SEARCHING_M
         self._heading = HeadingError()
         self._state: FilterState | None = None
         self._lattice: _Lattice | None = None
@@ -190,7 +195,7 @@ class DriveFilter:
             if self._lost(stops, low):
                 self._heading = HeadingError()
                 own, apart = stops, np.zeros_like(astray)
-                self._begin(astray[low])
+                self._begin(astray[low], float(stops.path_m[low]))
             else:
                 own, apart = self._corrected(stops)
             self._place_lattice(own, astray - apart, low)
@@ -215,7 +220,7 @@ class DriveFilter:
     def _heard_of(self, stops: Stops, low: int) -> tuple[Int[np.ndarray, " heard"], int]:
         """Stops of a chunk that are heard, and the first of the next: fewer while the whole region is searched."""
         assert self._lattice is not None
-        apart_m, limit = 0.0 if self._lattice.held else _SEARCHING_M, self._end_of_chunk(stops, low)
+        apart_m, limit = 0.0 if self._lattice.held else self._apart_m, self._end_of_chunk(stops, low)
         heard: list[int] = []
         last_m = self._last[0] if self._last is not None and self._last[1] == stops.leg[low] else -np.inf
         for at in range(low, limit):
@@ -253,11 +258,13 @@ class DriveFilter:
             self._recentre()
         else:
             self._narrow()
+            if self._lattice is lattice and stops.path_m[at] > self._widen_at_m:
+                self._add_heights()
             if not lattice.held and np.max(np.abs(astray[at] - lattice.centre_m)) > _ROOM_M:
                 self._shift(np.round(self._to_lattice(astray[at] - lattice.centre_m) / self.step_m).astype(int))
         self._find_tile(stops, at)
 
-    def _begin(self, centre_m: Float[np.ndarray, "2"]) -> None:
+    def _begin(self, centre_m: Float[np.ndarray, "2"], path_m: float) -> None:
         options, half_m = self._options, self._half_m + _ROOM_M
         scales = _SCALES if options.time_scale is None else np.array([options.time_scale])
         heights_m = _heights(options.height_m, self._height_step_m[False])
@@ -266,6 +273,7 @@ class DriveFilter:
         shape = (along, cross)
         yaw = 0.0 if self._lattice is None else self._lattice.yaw
         self._lattice = _Lattice(np.asarray(centre_m, float), yaw, shape, planes, held=False)
+        self._widen_at_m, self._apart_m = path_m + _WIDEN_M, _SEARCHING_M
         variance = self.likelihood.variance if self._state is None else self._state.variance
         self._state = begin(len(planes.scale), shape, _PRIOR_FOREIGN, float(variance))
 
@@ -293,6 +301,21 @@ class DriveFilter:
         moved_m = (mode - np.asarray(lattice.shape) // 2) * self.step_m
         centre_m = lattice.centre_m + rotation(lattice.yaw) @ moved_m
         self._lattice = replace(lattice, centre_m=centre_m, shape=shape, planes=planes, held=True)
+
+    def _add_heights(self) -> None:
+        """Heights far from the log's, with some of the mass beyond the lattice."""
+        assert self._state is not None
+        assert self._lattice is not None
+        planes, step_m = self._lattice.planes, self._height_step_m[False]
+        wide = Alternatives.grid(np.unique(planes.scale), _heights(max(self._options.height_m, WIDEST[0]), step_m))
+        share = wide.nearest(planes, self._scale_step[False], step_m)
+        fresh = share.sum(axis=1) == 0.0
+        mass = jnp.einsum("gh,hrij->grij", jnp.asarray(share), self._state.mass)
+        each = _FAR_HEIGHTS * self._state.foreign / float(max(fresh.sum(), 1) * mass[0].size)
+        self._take(mass + each * jnp.asarray(fresh, jnp.float32)[:, None, None, None])
+        self._lattice, self._widen_at_m = replace(self._lattice, planes=wide), np.inf
+        # Ground that is not the map's is to cost no more than before, a metre.
+        self._apart_m *= len(wide.scale) / len(planes.scale)
 
     def _near(self, scale: float, height_m: float) -> Alternatives:
         """Alternatives about one."""
@@ -374,7 +397,7 @@ class DriveFilter:
         holds.
         """
         assert self._lattice is not None
-        most = self._chunk * (1 if self._lattice.held else max(1, round(_SEARCHING_M / self.spacing_m)))
+        most = self._chunk * (1 if self._lattice.held else max(1, round(self._apart_m / self.spacing_m)))
         high = min(low + most, len(stops.number))
         same = stops.leg[low:high] == stops.leg[low]
         away = np.hypot(*(stops.reckoned_m[low:high] - stops.reckoned_m[low]).T)

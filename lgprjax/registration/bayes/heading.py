@@ -1,13 +1,13 @@
 """The heading's own error: the turn that brings the path of dead reckoning onto the filter's places (host side).
 
-With a heading 12° off and stated to 0.3°, the filter's places leave dead reckoning by 0.2 m aside a metre. Over four
-metres the turn is measured to some 1.5°: enough to tell such a log from one that states its error rightly.
+With a heading 12° off and stated to 0.3°, the filter's places leave dead reckoning by 0.2 m aside a metre. Over eight
+metres the turn is measured to some 0.9°: enough to tell such a log from one that states its error rightly.
 """
 
 import numpy as np
 from jaxtyping import Float
 
-_WINDOW_M, _LEAST_M = 4.0, 1.5  # of travel
+_WINDOW_M, _LEAST_M = 8.0, 1.5  # of travel
 _SURE = 1e-2  # largest p_false of a place that is used
 _PLACE_M = 0.03  # error of places, alike over the metres that the filter remembers
 _WANDER_M = 0.02  # of dead reckoning, per root of a metre

@@ -86,6 +86,7 @@ def fixes_of(
     half = options.half_width(own.sigma_yaw_rad, options.search_half_m())
     half[:, 2:5] = np.hypot(half[:, 2:5], 3.0 * unknown)
     half[:, 3] = np.hypot(half[:, 3], 3.0 * found.turn_sigma_rad)
+    half[:, 2] = np.maximum(half[:, 2], np.abs(found.height_m) + options.height_m)
     known = led.likelihood
     numbers = (1.0 + fixes.window_m / led.spacing_m) / (known.memory * np.maximum(known.variance, found.variance))
     candidate = np.where(fixes.p_false < 1.0, tiles, -1)
