@@ -251,7 +251,7 @@ class DriveFilter:
         return self._lattice.held and float(self._state.foreign) > _LOST
 
     def _place_lattice(self, stops: Stops, astray: Float[np.ndarray, "stop 2"], at: int) -> None:
-        """Narrow the lattice down, or move it, before a chunk."""
+        """Narrow the lattice down, add heights, or move it, before a chunk."""
         assert self._lattice is not None
         lattice = self._lattice
         if lattice.held:
@@ -314,7 +314,7 @@ class DriveFilter:
         each = _FAR_HEIGHTS * self._state.foreign / float(max(fresh.sum(), 1) * mass[0].size)
         self._take(mass + each * jnp.asarray(fresh, jnp.float32)[:, None, None, None])
         self._lattice, self._widen_at_m = replace(self._lattice, planes=wide), np.inf
-        # Ground that is not the map's is to cost no more than before, a metre.
+        # A stop costs as many planes more: fewer are heard.
         self._apart_m *= len(wide.scale) / len(planes.scale)
 
     def _near(self, scale: float, height_m: float) -> Alternatives:

@@ -89,5 +89,7 @@ class HeadingError:
         fresh = np.concatenate([path_m[:, None], reckoned_m, place_m], axis=1)[p_false < _SURE]
         path = np.concatenate([self._path, fresh])
         self._path = path[path[:, 0] >= path_m[-1] - _WINDOW_M]
-        self._to_m, self._from_m = self.corrected_m(reckoned_m[-1:])[0], reckoned_m[-1].copy()
-        self.turn_rad, self.sigma_rad = turn_between(self._path[:, 1:3], self._path[:, 3:], sigma_yaw_rad)
+        turn_rad, self.sigma_rad = turn_between(self._path[:, 1:3], self._path[:, 3:], sigma_yaw_rad)
+        if turn_rad != self.turn_rad:
+            self._to_m, self._from_m = self.corrected_m(reckoned_m[-1:])[0], reckoned_m[-1].copy()
+            self.turn_rad = turn_rad
